@@ -36,10 +36,11 @@ STAGES: dict[str, tuple[str | Parameter, ...]] = {
     "linear": LINEAR,
     "+ torque law": (*LINEAR, "torque_2"),
     "+ softening springs": (*LINEAR, "torque_2", "stiffening"),
-    "+ valve": (*LINEAR, "torque_2", "stiffening", "valve_rise", "valve_fall"),
-    "+ K of each joint": ("stiffness_*", *LINEAR[1:], "torque_2", "stiffening", "valve_rise", "valve_fall"),
-    "+ creep": ("stiffness_*", *LINEAR[1:], "torque_2", "stiffening", "valve_rise", "valve_fall", *CREEP),
-    "+ hysteresis": ("stiffness_*", *LINEAR[1:], "torque_2", "stiffening", "valve_rise", "valve_fall", *CREEP, *SLIP),
+    "+ valve": (*LINEAR, "torque_2", "stiffening", "valve_rise_time", "valve_fall_time"),
+    "+ K of each joint": ("stiffness_*", *LINEAR[1:], "torque_2", "stiffening", "valve_rise_time", "valve_fall_time"),
+    "+ creep": ("stiffness_*", *LINEAR[1:], "torque_2", "stiffening", "valve_rise_time", "valve_fall_time", *CREEP),
+    "+ hysteresis": ("stiffness_*", *LINEAR[1:], "torque_2", "stiffening", "valve_rise_time", "valve_fall_time",
+                     *CREEP, *SLIP),
 }
 
 

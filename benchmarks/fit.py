@@ -163,14 +163,14 @@ def timed(told: str, exps: list[Experiment], free: list[str], repeats: int, **ho
     seconds = min(times)
     count = sum(p.free for p in found.parameters)
     print(f"{count} parameters, three 6 s records, {told}: {seconds:.2f} s CPU; {found.evaluations} evaluations; "
-          f"rise {found.values['valve_rise']:.4f} s (0.03); {found.status}", flush=True)
+          f"rise {found.values['valve_rise_time']:.4f} s (0.03); {found.status}", flush=True)
 
 
 def large(quick: bool) -> None:
     """Fit parameters of each joint, of the torque law and of the valve, from one start and from three, then with creep.
     """
     exps = three_pulses()
-    wanted = ["stiffness_*", "damping_*", "torque_1", "valve_rise", "valve_fall"]
+    wanted = ["stiffness_*", "damping_*", "torque_1", "valve_rise_time", "valve_fall_time"]
     timed("three starts, target 3 s", exps, wanted, 1)
     timed("one start", exps, [*wanted, "torque_2", "base_angle"], 2, starts=1)
     if not quick:

@@ -32,8 +32,8 @@ RECORDS = {
     "both": {"first": (0.0, 8e4, 8e4, 2e4, 0.0), "second": (0.0, 0.0, 9e4, 9e4, 0.0)},
 }  # Pa
 MIDDLE = {"stiffness": 1.2, "damping": 6e-3, "first.torque_1": 1.2e-6, "second.torque_1": 1.0e-6,
-          "first.valve_rise": 0.03, "second.valve_rise": 0.05, "first.valve_fall": 0.05,
-          "second.valve_fall": 0.02}  # fmt: skip
+          "first.valve_rise_time": 0.03, "second.valve_rise_time": 0.05, "first.valve_fall_time": 0.05,
+          "second.valve_fall_time": 0.02}  # fmt: skip
 NOISE, KEPT, STEP = 3e-4, {"white": 0.0, "coloured": 0.8}, 1e-3  # m, share of the frame before, s
 
 

@@ -29,7 +29,7 @@ BODY = Model(link_length=[0.05, 0.05], link_mass=0.02, stiffness=0.5, damping=0.
 LONGER = BODY.with_(extensions=(Extension(stiffness=200.0, damping=2.0),))
 NOISE, STEP, BEGIN = 3e-4, 2e-3, 0.05  # m, s, s
 FREE: Ranges = {"stiffness": (0.4, 0.6), "damping": (3e-3, 5e-3), "torque_1": (0.8e-6, 1.2e-6)}
-LAG: Ranges = {"valve_rise": (0.02, 0.04), "valve_fall": (0.03, 0.06)}
+LAG: Ranges = {"valve_rise_time": (0.02, 0.04), "valve_fall_time": (0.03, 0.06)}
 AXIAL: Ranges = {**FREE, "axial_gain": (80.0, 120.0), "axial_damping": (1.5, 2.5)}
 
 

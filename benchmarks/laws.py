@@ -50,7 +50,7 @@ LAWS: dict[str, dict[str, float]] = {
     "Payne's curve": {"payne_share": 2.0, "payne_angle": 0.02, "payne_exponent": 0.4, "payne_low": 1e-3,
                       "payne_high": 0.3},
     "Bouc-Wen": {"boucwen_share": 0.2, "boucwen_beta": 20.0, "boucwen_gamma": 9.0, "boucwen_exponent": 1.5},
-    "lag of the pressure": {"valve_rise": 0.03, "valve_fall": 0.05},
+    "lag of the pressure": {"valve_rise_time": 0.03, "valve_fall_time": 0.05},
     "limited rates": {"valve_rise_rate": 5e5, "valve_fall_rate": 5e5},
     "dead band": {"valve_dead_band": 2e3},
     "opening": {"valve_opening_time": 0.1},

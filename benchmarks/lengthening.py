@@ -70,7 +70,7 @@ def recorded(seed: int, names: Iterable[str], rod: RodParameters | None = None) 
             "actuator": {
                 "length": rod.length, "mass": rod.mass, "tip_mass": rod.cap_mass, "links": LINKS,
                 "joint_placement": "midsegment", "extensions": [{"stiffness": 400.0, "damping": 1.0}],
-                "chambers": [{"name": name, "joints": joints, "gain": sign}
+                "chambers": [{"name": name, "joints": joints, "joint_gain": sign}
                              for name, sign in zip(chambers, (1.0, -1.0), strict=True)],
             },
         })  # fmt: skip
@@ -80,7 +80,7 @@ def recorded(seed: int, names: Iterable[str], rod: RodParameters | None = None) 
 
 def taught(train: Iterable[Experiment], model: Model, more: Iterable[str] = ()) -> FitResult:
     """Fit the chain to some recordings: one law, one axial gain and one pair of edges for each chamber."""
-    own = [f"{c.name}.{name}" for c in model.chambers for name in ("torque_1", "axial_gain", "valve_rise")]
+    own = [f"{c.name}.{name}" for c in model.chambers for name in ("torque_1", "axial_gain", "valve_rise_time")]
     return fit(list(train), model, [*RUBBER, *own, "base_angle", *more], starts=1)
 
 

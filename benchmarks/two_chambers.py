@@ -42,7 +42,7 @@ def chambers(body: str) -> list[dict[str, object]]:
     made = []
     for c in CHAMBERS[body]:
         joints = range(round(c.start * LINKS) + 1, round(c.stop * LINKS) + 1)
-        made.append({"name": c.name, "joints": list(joints), "gain": float(np.sign(c.gain))})
+        made.append({"name": c.name, "joints": list(joints), "joint_gain": float(np.sign(c.gain))})
     return made
 
 

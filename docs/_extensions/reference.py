@@ -13,6 +13,7 @@ import json
 import math
 import re
 import types
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
@@ -196,14 +197,12 @@ def metrics() -> str:
 
 def parameters() -> str:
     """Every parameter that a fit can free."""
-    from pliant.identification.parameters import KNOWN
+    from pliant.identification.names import families
 
     rows = []
-    for pattern, kind in KNOWN.items():
-        name = pattern.replace(r"(\d+|\*)", "<i>").replace("[1-9]", "<k>").replace(r".+\.", "<station>.")
+    for name, kind in families().items():
         bounds = " to ".join(f"{b:g}" if math.isfinite(b) else "any" for b in (kind.lower, kind.upper))
-        meaning = kind.meaning.replace("*", r"\*")
-        rows.append((f"`{name}`", kind.unit, "" if bounds == "any to any" else bounds, meaning))
+        rows.append((f"`{name}`", kind.unit, "" if bounds == "any to any" else bounds, meaning_of(kind)))
     return table(("parameter", "unit", "bounds", "meaning"), rows)
 
 
@@ -226,7 +225,60 @@ def described(thing: Any) -> bool:
     return callable(thing) or dataclasses.is_dataclass(thing)
 
 
+def meaning_of(quantity: Any) -> str:
+    """Meaning of a declared parameter, and the source of its definition in brackets."""
+    source = f" ({quantity.source})" if quantity.source else ""
+    return f"{quantity.meaning}{source}".replace("*", r"\*")
+
+
+def number_text(value: Any) -> str:
+    """Default value of an entry: a number, or numbers of an array; empty where there is none."""
+    if isinstance(value, int | float):
+        return f"{value:g}"
+    listed = getattr(value, "tolist", lambda: value)()
+    return ", ".join(map(number_text, listed)) if isinstance(listed, list | tuple) else ""
+
+
+def of_record(record: Any, kind: Any) -> str:
+    """Entries of a study's table that are parameters of a record of the model."""
+    from pliant.model.quantity import quantities
+    from pliant.model.tables import defaults_of
+
+    rows = []
+    for name, quantity in quantities(record).items():
+        if name not in kind.model_fields:
+            continue
+        default = kind.model_fields[name].default
+        if default is None and not kind.model_fields[name].is_required():  # of the record, or the preset
+            default = defaults_of(record).get(name)
+        rows.append((f"`{name}`", quantity.unit, number_text(default), meaning_of(quantity)))
+    return table(("entry", "unit", "default", "meaning"), rows)
+
+
+def study_body() -> str:
+    """Parameters of the table [actuator]: of the body, then of its single chamber."""
+    from pliant.model import Chamber, Model
+    from pliant.study.body_tables import ActuatorEntry
+
+    return "\n".join((of_record(Model, ActuatorEntry), *of_record(Chamber, ActuatorEntry).splitlines()[2:]))
+
+
+def study_part(name: str) -> Callable[[], str]:
+    """Function that returns the parameters of the study's table of one part of the body, such as "Tendon"."""
+
+    def rows() -> str:
+        from pliant import model
+        from pliant.study import body_tables
+
+        return of_record(getattr(model, name), getattr(body_tables, f"{name}Table"))
+
+    return rows
+
+
 PARTS = {
+    "study-body": study_body,
+    **{f"study-{name.lower()}": study_part(name)
+       for name in ("Valve", "Memory", "Space", "Chamber", "Tendon", "Extension")},
     "commands": commands, "model-file": model_file, "metrics-file": metrics_file, "task-file": task_file,
     "metrics": metrics, "parameters": parameters, "names": names,
 }

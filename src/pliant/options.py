@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar, cast
 
 Options = TypeVar("Options", bound=Mapping[str, object])
@@ -25,12 +25,14 @@ def with_defaults(function: Callable[..., Any], given: Options, defaults: Option
     return cast(Options, {**defaults, **given})
 
 
-def full_signature(function: Callable[..., Any], options: Any, defaults: Mapping[str, object]) -> inspect.Signature:
-    """Return the signature of `function` with the keywords of a `TypedDict` listed in place of its ``**options``.
+def full_signature(
+    function: Callable[..., Any], names: Iterable[str], defaults: Mapping[str, object],
+) -> inspect.Signature:
+    """Return the signature of `function` with the keywords `names` listed in place of its ``**options``.
 
     A keyword without a default is required. Required keywords come first.
     """
     empty, kind = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
     own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
-    named = [inspect.Parameter(name, kind, default=defaults.get(name, empty)) for name in options.__annotations__]
+    named = [inspect.Parameter(name, kind, default=defaults.get(name, empty)) for name in names]
     return inspect.Signature([*own, *sorted(named, key=lambda p: p.default is not empty)])

@@ -176,7 +176,7 @@ def test_chambers_of_a_body_in_a_plane_are_drafted_where_they_bend_it(tmp_path):
     content = tomllib.loads(draft_study(files, tmp_path / "s.toml", mass=0.1).text)
     Study.model_validate(content)
     chambers = {c.pop("name"): c for c in content["actuator"]["chambers"]}
-    assert chambers == {"near": {"joints": [1, 2, 3]}, "far": {"joints": [4, 5]}, "back": {"gain": -1.0}}
+    assert chambers == {"near": {"joints": [1, 2, 3]}, "far": {"joints": [4, 5]}, "back": {"joint_gain": -1.0}}
     assert content["fits"]["first"]["held_out"] == ["d"]  # what each does alone is learnt
     assert content["recordings"]["d"]["drive"] == {"near": "near", "far": "far", "back": "back"}
 

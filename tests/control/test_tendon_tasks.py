@@ -22,7 +22,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Space, chain_model, save_model
 from pliant.simulation import Trace, equilibrium, simulate
 from pliant.study.body import study_model
-from pliant.study.schema import ActuatorEntry
+from pliant.study.body_tables import ActuatorEntry
 from pliant.validation.use_figures import control_figure
 
 AZIMUTHS = {"red": 90.0, "green": 210.0, "blue": 330.0}  # deg

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import os
 import re
 import subprocess
@@ -183,13 +184,18 @@ def test_example_files_are_valid(study):
 
 def test_every_entry_of_a_study_is_explained():
     """At the head of a row of a table, of a section, or of a line of an example or a list."""
-    from pliant.study import schema
+    from pliant.study import body_tables, schema
     from pliant.sweep.spec import Range, Sweep
 
-    text = "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("studies.md", "scaling_out.md"))
-    models = (schema.Study, schema.ActuatorEntry, schema.ChamberTable, schema.TendonTable, schema.AlignmentEntry,
-              schema.Fibre, schema.Reduction, schema.KnownForce, schema.Recording, schema.Fit, schema.SelectionEntry,
-              schema.ForecastEntry, schema.Targets, Sweep, Range)  # fmt: skip
+    spec = importlib.util.spec_from_file_location("reference", ROOT / "docs" / "_extensions" / "reference.py")
+    reference = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(reference)
+    pages = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("studies.md", "scaling_out.md"))
+    text = "".join(map(reference.fill, pages))
+    models = (schema.Study, body_tables.ActuatorEntry, body_tables.ChamberTable, body_tables.TendonTable,
+              body_tables.ExtensionTable, body_tables.SpaceTable, body_tables.ValveTable, body_tables.MemoryTable,
+              schema.AlignmentEntry, schema.Fibre, schema.Reduction, schema.KnownForce, schema.Recording, schema.Fit,
+              schema.SelectionEntry, schema.ForecastEntry, schema.Targets, Sweep, Range)  # fmt: skip
     told = r"^\|[^|]*`{0}`|^#+ .*\[{0}|^(# )?{0} = |^`\[\w+\.{0}\]`"
     missing = [f"{m.__name__}.{n}" for m in models for n in m.model_fields
                if not re.search(told.format(n), text, re.MULTILINE)]

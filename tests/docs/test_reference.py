@@ -10,6 +10,7 @@ import pytest
 
 import pliant
 from pliant.cli import app
+from pliant.identification.names import families
 from pliant.model import Model, chain_model
 from pliant.model.file import model_to_dict
 
@@ -64,6 +65,20 @@ def test_entries_of_a_model_file_are_explained(pages):
         row = re.search(rf"^\| `{name}` \|(.*)\|$", section, re.MULTILINE)
         assert row, name
         assert name.startswith("schema_") or row[1].split("|")[-1].strip(), f"{name} has no meaning"
+
+
+def test_every_parameter_of_a_fit_stands_with_its_unit(pages):
+    section = pages["metrics"].split("## Parameters")[1]
+    for name, quantity in families().items():
+        assert f"| `{name}` | {quantity.unit} |" in section, name
+
+
+def test_schemas_state_units_and_bounds(reference):
+    made = reference.schemas()
+    for schema, table in (("study", "ValveTable"), ("model", "ValveEntry")):
+        row = made[f"{schema}.schema.json"]["$defs"][table]["properties"]["rise_rate"]
+        assert (row["unit"], row["minimum"]) == ("Pa/s", 0)
+        assert row["description"] == "fastest rise of the pressure"
 
 
 def test_schemas_take_what_pliant_writes(reference):

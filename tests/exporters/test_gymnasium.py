@@ -176,8 +176,8 @@ def test_bad_input(tmp_path):
     def reset(**options):
         gymnasium.make("pliant/Reach-v0", model=model, **options).reset(seed=1)
 
-    with pytest.raises(InputError, match="'valve_rise' is not a field"):
-        reset(fit={"valve_rise": 0.1})
+    with pytest.raises(InputError, match="'valve_rise_time' is not a field"):
+        reset(fit={"valve_rise_time": 0.1})
     with pytest.raises(InputError, match="is not the result of a fit"):
         reset(fit=tmp_path / "none.json")
     with pytest.raises(InputError, match="50 consecutive draws gave no valid model"):

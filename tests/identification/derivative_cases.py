@@ -15,7 +15,7 @@ from pliant.equations.laws import LAWS
 from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.errors import InputError, PliantError
 from pliant.identification import Experiment, Parameter
-from pliant.identification.chamber_parameters import OWN, owners
+from pliant.identification.chamber_parameters import of_chamber, owners
 from pliant.identification.experiment import AngleReference, Excitation
 from pliant.identification.extension_parameters import OWN as OF_A_SEGMENT
 from pliant.identification.extension_parameters import segments
@@ -26,7 +26,6 @@ from pliant.identification.memory_parameters import LAYOUTS
 from pliant.identification.parameters import check_names
 from pliant.identification.problem import Problem
 from pliant.model import Chamber, Extension, Memory, Model, Station, Valve
-from pliant.model.torque_law import law_parameters
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
 
@@ -42,12 +41,13 @@ EDGES = {"pulse": {"e.start": 0.1234, "e.stop": 0.3367}, "step": {"e.start": 0.1
 LEVELS = np.linspace(1e4, 1.2e5, 8)  # Pa, and torques that rise less and less: laws with kernels begin there
 TORQUES = 6e-7 * LEVELS / (1.0 + LEVELS / 2e5)
 
-# a value for each kind of parameter, away from its bounds; every pattern of `parameters.KNOWN` must be met by one
+# a value for each kind of parameter, away from its bounds; every family of `names.families` must be met by one
 VALUES: dict[str, float] = {
     "stiffness": 0.9, "damping": 6e-3, "stiffness_2": 0.8, "damping_3": 5e-3, "rest_angle": 0.11, "rest_angle_3": 0.07,
     "joint_share": 0.3, "gravity_angle": 2.7, "gain": 1.1, "joint_gain_1": 1.2, "joint_gain_2": 0.7,
     "torque_1": 6e-7, "torque_2": 1e-12, "mass": 0.05, "tip_mass": 0.01,
-    "valve_rise": 0.03, "valve_fall": 0.05, "valve_dead_time": 0.0033, "valve_rise_rate": 1.5e6, "valve_fall_rate": 9e5,
+    "valve_rise_time": 0.03, "valve_fall_time": 0.05, "valve_dead_time": 0.0033, "valve_rise_rate": 1.5e6,
+    "valve_fall_rate": 9e5,
     "valve_dead_band": 2.3e3, "valve_opening_time": 0.11, "valve_settle_share": 0.2, "valve_settle_time": 0.3,
     "base_angle": 0.06, "base_x": 1e-3, "base_y": -2e-3, "base_turn": -0.03,
     "tip.along": 0.03, "tip.across": -0.005, "mid.along": 0.02,
@@ -59,7 +59,8 @@ VALUES: dict[str, float] = {
     "payne_share": 2.0, "payne_angle": 0.02, "payne_exponent": 0.4, "payne_low": 2e-3, "payne_high": 0.2,
     "boucwen_share": 0.2, "boucwen_beta": 20.0, "boucwen_gamma": 9.0, "boucwen_exponent": 1.5,
     **{name: 0.7 * term.fit[2] for name, term in SPRING_TERMS.items()},
-    "stiffening": -0.9, "cubic_stiffening": 0.7, "stiffening_bound": 0.6,
+    "stiffening": -0.9, "cubic_stiffening": 0.7, "stiffening_bound": 0.6, "stiffening_2": -0.7,
+    "cubic_stiffening_1": 0.5, "stiffening_bound_3": 0.5,
     "swell_share": 0.3, "swell_time": 0.2, "inflation_limit": 4e5, "inflation_time": 0.04, "inflation_jm": 3.0,
     "body_stiffness": 0.85, "axial_stiffness": 210.0, "axial_damping": 0.8, "axial_gain": 25.0,
     "axial_creep_share_1": 0.3, "axial_creep_time_1": 0.2, "axial_slip_share_1": 0.4, "axial_slip_strain_1": 0.003,
@@ -219,7 +220,7 @@ def candidates(model: Model, owned: str) -> dict[str, dict[str, float]]:
         if owned != "part":
             found.setdefault(family, {})[("e." if owned == "record" else "") + name] = value
             continue
-        mine = owners(model) if OWN.fullmatch(name) or name in law_parameters() else ()
+        mine = owners(model) if of_chamber(name) else ()
         mine += segments(model) if name in OF_A_SEGMENT else ()
         for k, owner in enumerate(mine):
             found.setdefault(f"{owner}.{family}", {})[f"{owner}.{name}"] = (1.0 - 0.1 * k) * value

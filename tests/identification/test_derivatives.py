@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 from dataclasses import MISSING, Field, fields
 from typing import Any
 
@@ -31,11 +30,10 @@ from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, experiment
 from pliant.identification.forward_model import forward_problem
 from pliant.identification.initial_guess import prepare
-from pliant.identification.parameters import KNOWN
+from pliant.identification.names import families, path_of
 from pliant.identification.problem import Problem
 from pliant.model import Chamber, Extension, Memory, Model, Valve, chain_model
 from pliant.model.model import DEFAULTS
-from pliant.model.torque_law import law_parameters
 
 SAMPLE = 4  # parameters of each group in a quick case of an option
 FEW = 3  # and of a model, where shared ones and those of parts and records take their turn
@@ -65,10 +63,8 @@ def test_a_sample_agrees_with_differences_for_every_model(model: str, excitation
 
 
 def test_every_kind_of_parameter_is_among_the_cases() -> None:
-    kinds = (*KNOWN, *law_parameters())
-    names = {name.partition(".")[2] or name for name in (*SOUND, *OF_TENDONS)}  # in space: test_fit_in_space.py
-    names |= {*VALUES, *SOUND}
-    assert [kind for kind in kinds if not any(re.fullmatch(kind, name) for name in names)] == []
+    present = {path_of(name).family for name in (*VALUES, *SOUND, *OF_TENDONS)}  # in space: test_fit_in_space.py
+    assert [family for family in families() if family not in present] == []
 
 
 @pytest.mark.slow

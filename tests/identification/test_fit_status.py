@@ -58,9 +58,9 @@ def test_a_fall_that_never_happens_is_not_shown(truth: Model, traced: Any) -> No
     whole = traced(truth)
     keep = whole.time < 0.45  # before the pressure falls
     rising = replace(whole, time=whole.time[keep], position=whole.position[keep])
-    found = run(rising, truth, "stiffness", "valve_rise", "valve_fall", regularise=True)
-    assert hidden(found) == {"valve_fall"}
-    assert found.values["valve_rise"] == pytest.approx(0.03, rel=1e-2)
+    found = run(rising, truth, "stiffness", "valve_rise_time", "valve_fall_time", regularise=True)
+    assert hidden(found) == {"valve_fall_time"}
+    assert found.values["valve_rise_time"] == pytest.approx(0.03, rel=1e-2)
 
 
 def test_a_value_on_its_bound_is_named(exp: Experiment, truth: Model) -> None:
@@ -219,7 +219,7 @@ def test_values_put_in_twice_change_nothing(truth: Model) -> None:
     from pliant.identification.parameters import apply
 
     values = {"stiffness": 1.3, "damping_2": 1e-3, "gain": 1.7, "torque_2": 1e-12, "mass": 0.05, "tip_mass": 0.01,
-              "valve_rise": 0.01, "base_angle": 0.1, "tip.along": 0.02}
+              "valve_rise_time": 0.01, "base_angle": 0.1, "tip.along": 0.02}
     once = apply(truth, values)
     twice = apply(once, values)
     for name in ("stiffness", "damping", "torque", "joint_gain", "link_mass"):

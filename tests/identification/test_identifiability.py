@@ -40,14 +40,14 @@ def test_a_product_and_a_parameter_that_is_not_shown_are_named(truth: Model, pul
     whole = traced(truth)
     keep = whole.time < 0.45
     rising = replace(whole, time=whole.time[keep], position=whole.position[keep])
-    told = identifiability([rising], truth, ["stiffness", "valve_fall"], time_step=1e-3)
-    assert "do not show valve_fall" in str(told)
+    told = identifiability([rising], truth, ["stiffness", "valve_fall_time"], time_step=1e-3)
+    assert "do not show valve_fall_time" in str(told)
     assert "record the fall of the pressure" in str(told)
     assert told.expected_std[1] is None
 
 
 def test_what_shows_is_not_complained_of(truth: Model, pulse: Any) -> None:
-    told = identifiability([pulse(truth)], truth, ["stiffness", "damping", "gain", "valve_rise"], time_step=1e-3)
+    told = identifiability([pulse(truth)], truth, ["stiffness", "damping", "gain", "valve_rise_time"], time_step=1e-3)
     assert told.identifiable
     assert not told.directions
     assert np.isclose(told.information.sum(), len(told.names))
@@ -61,7 +61,7 @@ def test_a_torque_of_zero_at_the_start_is_no_blindness(truth: Model, pulse: Any)
 def test_a_weak_direction_says_how_weak(truth: Model, pulse: Any) -> None:
     exp = pulse(truth)
     blurred = replace(exp, noise={"mid": 0.02, "tip": 0.02})
-    told = identifiability([blurred], truth, ["stiffness", "damping", "valve_rise"], time_step=1e-3)
+    told = identifiability([blurred], truth, ["stiffness", "damping", "valve_rise_time"], time_step=1e-3)
     assert told.identifiable
     assert [d.kind for d in told.directions] == ["weak"]
     assert "% of its size at best" in str(told)

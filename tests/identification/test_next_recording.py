@@ -24,7 +24,7 @@ def fitted(truth: Model, exp: Experiment, *names: str) -> tuple[FitResult, list[
 
 
 def test_a_second_level_is_proposed_for_a_law_of_two_terms(truth: Model, traced: Any) -> None:
-    result, exps = fitted(truth, traced(truth), "stiffness", "damping", "torque_1", "valve_rise")
+    result, exps = fitted(truth, traced(truth), "stiffness", "damping", "torque_1", "valve_rise_time")
     found = design(result, exps, highest=1.5e5, time_step=STEP)
     assert found.proposals[0].weakest < found.now.weakest
     assert found.proposals[0].weakest <= found.proposals[-1].weakest

@@ -17,11 +17,11 @@ from pliant.model import Model, Station, Valve, chain_model
 FINE = 2.5e-5  # s; at this step the midpoint rule is within some 1e-7 of the adaptive solution that made the data
 EXACT = 1e-6
 WRONG = {
-    "low": {"stiffness": 0.6, "damping": 0.5, "gain": 0.7, "valve_rise": 0.6, "valve_fall": 0.5},
-    "high": {"stiffness": 1.3, "damping": 1.5, "gain": 1.2, "valve_rise": 1.4, "valve_fall": 1.5},
-    "mixed": {"stiffness": 1.3, "damping": 0.5, "gain": 0.8, "valve_rise": 0.5, "valve_fall": 1.5},
+    "low": {"stiffness": 0.6, "damping": 0.5, "gain": 0.7, "valve_rise_time": 0.6, "valve_fall_time": 0.5},
+    "high": {"stiffness": 1.3, "damping": 1.5, "gain": 1.2, "valve_rise_time": 1.4, "valve_fall_time": 1.5},
+    "mixed": {"stiffness": 1.3, "damping": 0.5, "gain": 0.8, "valve_rise_time": 0.5, "valve_fall_time": 1.5},
 }
-TRUE = {"stiffness": 0.9, "damping": 6e-3, "gain": 1.0, "valve_rise": 0.03, "valve_fall": 0.05}
+TRUE = {"stiffness": 0.9, "damping": 6e-3, "gain": 1.0, "valve_rise_time": 0.03, "valve_fall_time": 0.05}
 
 
 def wrong_model(truth: Model) -> Model:
@@ -47,7 +47,7 @@ def test_a_pulse_without_noise_gives_every_parameter_and_its_edges(truth: Model,
 
 
 def test_the_step_of_the_fit_is_the_only_error_left(truth: Model, pulse: Any) -> None:
-    parameters = ["stiffness", "damping", "gain", "valve_rise", "valve_fall"]
+    parameters = ["stiffness", "damping", "gain", "valve_rise_time", "valve_fall_time"]
     exp = pulse(truth)
     off = [fit([exp], wrong_model(truth), parameters, time_step=h, starts=1).values["stiffness"] / 0.9 - 1
            for h in (1e-3, 5e-4)]
@@ -116,7 +116,7 @@ def test_frames_that_were_not_seen_change_nothing(truth: Model, pulse: Any, rng:
     holes = exp.position.copy()
     holes[rng.random(holes.shape[:2]) < 0.3] = np.nan
     holes[:7, 0] = np.nan
-    names = ["stiffness", "damping", "gain", "valve_rise", "valve_fall"]
+    names = ["stiffness", "damping", "gain", "valve_rise_time", "valve_fall_time"]
     whole, torn = (fit([e], wrong_model(truth), names, time_step=1e-4, starts=1)
                    for e in (exp, replace(exp, position=holes)))
     assert torn.values == pytest.approx(whole.values, rel=2e-5)
@@ -130,7 +130,7 @@ def noisy(exp: Experiment, size: float, seed: int) -> Experiment:
 
 @pytest.mark.slow
 def test_under_noise_the_truth_lies_within_a_few_standard_errors(truth: Model, pulse: Any) -> None:
-    names = ["stiffness", "damping", "gain", "valve_rise"]
+    names = ["stiffness", "damping", "gain", "valve_rise_time"]
     model = wrong_model(truth).with_(valve=Valve(fall_time=0.05))
     exps = [pulse(truth, "small", 3e4), pulse(truth, "large", 1e5)]  # equal noise, unequal weights
     scores = []
@@ -168,7 +168,7 @@ def test_many_frames_count_no_more_than_few(truth: Model, traced: Any) -> None:
 
 def test_other_starts_do_no_harm_and_are_repeatable(truth: Model, pulse: Any) -> None:
     exp, model = pulse(truth), wrong_model(truth)
-    names = ["stiffness", "damping", "valve_rise", "valve_fall"]
+    names = ["stiffness", "damping", "valve_rise_time", "valve_fall_time"]
     one, three, again = (fit([exp], model, names, starts=n, rng=7) for n in (1, 3, 3))
     assert three.values == again.values
     assert three.values == pytest.approx(one.values, rel=1e-5)
@@ -221,7 +221,7 @@ def test_softening_springs_from_two_levels(truth, pulse):
     """From motions by LSODA, which shares no step with the fit; a fit without it sees two frequencies."""
     body = truth.with_(stiffening=-0.5)
     seen = [pulse(body, f"p{level}", level=1e4 * level) for level in (6, 12)]
-    names = ["stiffness", "damping", "torque_1", "valve_rise", "valve_fall", "stiffening"]
+    names = ["stiffness", "damping", "torque_1", "valve_rise_time", "valve_fall_time", "stiffening"]
     found = fit(seen, truth, names, starts=1, time_step=1e-4)
     assert found.values["stiffening"] == pytest.approx(-0.5, abs=1e-3)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)

@@ -19,7 +19,7 @@ from pliant.simulation import Pulse, simulate
 STEP = 1e-3
 VALUES = {
     "p.start": 0.1234, "p.stop": 0.6012, "stiffness": 0.9, "stiffness_2": 0.8, "damping": 6e-3, "mass": 0.05,
-    "tip_mass": 0.01, "valve_rise": 0.03, "valve_fall": 0.05, "valve_dead_time": 0.003, "torque_1": 6e-7,
+    "tip_mass": 0.01, "valve_rise_time": 0.03, "valve_fall_time": 0.05, "valve_dead_time": 0.003, "torque_1": 6e-7,
     "torque_2": 1e-13, "gain": 1.1, "base_angle": 0.02, "base_x": 1e-3, "tip.along": 0.03, "tip.across": -0.005,
     "rest_angle_3": 0.07, "gravity_angle": 2.7, "latency": 4.2e-3,
 }
@@ -60,7 +60,7 @@ def test_gains_of_joints_and_latency_agree_with_differences(hanging: Model, trac
 
 RUBBER = {"torque_1": 4e-7, "torque_2": 2e-12, "swell_share": 0.3, "swell_time": 0.2, "inflation_limit": 1.7e5,
           "inflation_time": 0.04}  # fmt: skip
-SLOW_VALVE = {"valve_rise": 0.03, "valve_fall": 0.05, "valve_rise_rate": 1.5e6, "valve_fall_rate": 9e5,
+SLOW_VALVE = {"valve_rise_time": 0.03, "valve_fall_time": 0.05, "valve_rise_rate": 1.5e6, "valve_fall_rate": 9e5,
               "valve_settle_share": 0.2, "valve_settle_time": 0.3}  # fmt: skip
 
 
@@ -91,14 +91,15 @@ def test_a_law_behind_a_valve_of_second_order_agrees_with_differences(
         assert np.abs(slope[..., :2] - expected).max() < 3e-6 * np.abs(expected).max(), name
 
 
-@pytest.mark.parametrize("name", ["stiffness", "damping", "torque_1", "valve_rise"])
+@pytest.mark.parametrize("name", ["stiffness", "damping", "torque_1", "valve_rise_time"])
 def test_sensitivities_are_those_of_an_adaptive_solver(truth: Model, pulse: Any, name: str) -> None:
     field = {"stiffness": "stiffness", "damping": "damping", "torque_1": "torque"}
-    values = {"p.start": 0.1, "p.stop": 0.6, "stiffness": 0.9, "damping": 6e-3, "torque_1": 6e-7, "valve_rise": 0.03}
+    values = {"p.start": 0.1, "p.stop": 0.6, "stiffness": 0.9, "damping": 6e-3, "torque_1": 6e-7,
+              "valve_rise_time": 0.03}
     exp = pulse(truth, start=0.1, stop=0.6)
 
     def tip(value: float) -> np.ndarray:
-        if name == "valve_rise":
+        if name == "valve_rise_time":
             moved = truth.with_(valve=Valve(rise_time=value, fall_time=0.05))
         else:
             moved = truth.with_(**{field[name]: [value] if name == "torque_1" else value})
@@ -134,7 +135,7 @@ def test_an_edge_that_hands_a_step_from_one_side_to_the_other_has_a_derivative(
 
 def test_a_zero_on_its_bound_has_a_derivative(hanging: Model, pulse: Any) -> None:
     exp = pulse(hanging)
-    at_bound = {"tip_mass": 0.0, "valve_rise": 0.0, "valve_fall": 0.0, "valve_dead_time": 0.0, "damping": 0.0}
+    at_bound = {"tip_mass": 0.0, "valve_rise_time": 0.0, "valve_fall_time": 0.0, "valve_dead_time": 0.0, "damping": 0.0}
     _, slopes = sensitivities(hanging, exp, {**VALUES, **at_bound}, dict.fromkeys(at_bound, 1e-3), STEP)
     assert np.isfinite(slopes).all()
     assert (np.abs(slopes).max(axis=(1, 2, 3)) > 0).all()
@@ -193,7 +194,7 @@ def test_recordings_that_begin_alike_share_what_is_not_their_own(truth: Model, p
     """A Jacobian of several recordings has for each the derivatives that it has alone, though most are found once."""
     tame = truth.with_(torque=[6e-7], valve=Valve(rise_time=0.03, fall_time=0.05), stations=truth.points[-1:])
     exps = [replace(pulse(tame, level=level), name=f"r{k}") for k, level in enumerate((4e4, 6e4, 8e4))]
-    names = ["stiffness", "damping", "torque_1", "valve_rise", "base_angle", "creep_share_1", "creep_time_1"]
+    names = ["stiffness", "damping", "torque_1", "valve_rise_time", "base_angle", "creep_share_1", "creep_time_1"]
     model, filled = prepare(exps, tame, names)
     problem = Problem(exps, model, filled, STEP, "travel")
     J = problem.data_jacobian(problem.start)

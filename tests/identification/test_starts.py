@@ -82,8 +82,10 @@ def test_what_the_model_has_is_the_start_where_the_data_say_nothing(truth: Model
     dead = truth.with_(damping=0.5)  # far over-damped: no ring-down
     exp = traced(dead)
     assert free_decay(exp) is None
-    found = start_of(dead, exp, "stiffness", "damping", "gain", "mass", "valve_rise")
-    assert found == pytest.approx({"stiffness": 0.9, "damping": 0.5, "gain": 1.0, "mass": 0.047, "valve_rise": 0.02})
+    found = start_of(dead, exp, "stiffness", "damping", "gain", "mass", "valve_rise_time")
+    assert found == pytest.approx(
+        {"stiffness": 0.9, "damping": 0.5, "gain": 1.0, "mass": 0.047, "valve_rise_time": 0.02}
+    )
 
 
 def test_a_start_outside_its_bounds_moves_onto_them(truth: Model, traced: Any) -> None:

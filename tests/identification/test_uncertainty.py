@@ -175,7 +175,7 @@ def test_a_lag_longer_than_the_pulse_is_flagged(truth: Model, pulse: Any) -> Non
     edges = [Parameter("p.start", 0.12), Parameter("p.stop", 0.6)]
     for lag, flagged in ((0.7, True), (0.3, False)):
         slow = truth.with_(valve=Valve(rise_time=lag))
-        notes = cautions(slow, [*edges, Parameter("valve_rise", lag)], [pulse(truth)], None)
+        notes = cautions(slow, [*edges, Parameter("valve_rise_time", lag)], [pulse(truth)], None)
         assert any("lag of 0.7 s is longer than the pulse of p, 0.48 s" in n for n in notes) == flagged
     assert not cautions(slow.with_(valve=Valve(rise_time=0.7)), edges, [pulse(truth)], None)  # not fitted, not flagged
 

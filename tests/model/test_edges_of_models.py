@@ -268,9 +268,9 @@ def test_what_misses_the_edge_of_a_link_by_rounding_ends_there():
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"stiffness": 1e-10}, "axial_stiffness must have a size"),
-        ({"stiffness": 2e12}, "axial_stiffness must have a size"),
-        ({"stiffness": 1.0, "damping": 2e12}, "axial_damping must have a size"),
+        ({"stiffness": 1e-10}, "stiffness must have a size"),
+        ({"stiffness": 2e12}, "stiffness must have a size"),
+        ({"stiffness": 1.0, "damping": 2e12}, "damping must have a size"),
         ({"stiffness": 0.0}, "stiffness must be finite and positive, got 0"),
         ({"stiffness": 1.0, "damping": -1.0}, "damping must be finite and not negative, got -1"),
         ({"stiffness": 1.0, "start": 0.2, "stop": 0.2}, "must stop after its start at 0.2 m, got 0.2"),

@@ -10,9 +10,11 @@ import pytest
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
 from pliant.model.chamber import rest_growth
-from pliant.model.limits import LIMITS, MOST_TERMS, check_limit
+from pliant.model.limits import MOST_TERMS
 from pliant.model.memory import payne, springpot
+from pliant.model.parts import declared
 
+LIMITS = {d.name: d.quantity for d in declared() if math.isfinite(d.quantity.most)}
 SIZES = {"link_length": 0.1, "link_mass": 0.05, "stiffness": 0.5}
 
 
@@ -20,18 +22,18 @@ SIZES = {"link_length": 0.1, "link_mass": 0.05, "stiffness": 0.5}
 def test_each_bound_is_itself_allowed_and_nothing_beyond(name):
     limit = LIMITS[name]
     for size in (limit.least, limit.most):
-        check_limit("model", name, size)
-        check_limit("model", name, -size)
+        limit.check_limit("model", name, size)
+        limit.check_limit("model", name, -size)
     with pytest.raises(InputError, match=f"model {name} must have a size of .*check its unit"):
-        check_limit("model", name, math.nextafter(limit.most, math.inf))
+        limit.check_limit("model", name, math.nextafter(limit.most, math.inf))
     if limit.least > 0.0:
         with pytest.raises(InputError, match="must have a size"):
-            check_limit("model", name, -math.nextafter(limit.least, 0.0))
+            limit.check_limit("model", name, -math.nextafter(limit.least, 0.0))
     if limit.least == 0.0 or limit.zero:
-        check_limit("model", name, 0.0)
+        limit.check_limit("model", name, 0.0)
     else:
         with pytest.raises(InputError, match="must have a size"):
-            check_limit("model", name, 0.0)
+            limit.check_limit("model", name, 0.0)
 
 
 def test_bounds_are_powers_of_ten():

@@ -19,7 +19,8 @@ from pliant.validation.store import load_outcome
 LAWS = {"left": 6e-7, "right": 4e-7}
 LEVELS = {"l": (90.0, 0.0), "r": (0.0, 110.0), "both": (80.0, 60.0)}  # kPa, of the left and the right chamber
 HEADER = ["t", "p_kpa_a", "p_kpa_b", *(f"{axis}_{station}" for station in ("base", "tip") for axis in "xyz")]
-CHAMBERS = [{"name": "left", "joints": [1, 2], "torque": [5e-7]}, {"name": "right", "joints": [1, 2], "gain": -1.0}]
+CHAMBERS = [{"name": "left", "joints": [1, 2], "torque": [5e-7]},
+            {"name": "right", "joints": [1, 2], "joint_gain": -1.0}]
 
 
 def content(**changes: Any) -> dict[str, Any]:
@@ -159,7 +160,7 @@ def test_a_wiring_of_an_unknown_chamber_or_fit_is_refused(folder: Path) -> None:
 
 def test_a_rigid_part_lies_before_the_first_segment() -> None:
     from pliant.study.body import study_model
-    from pliant.study.schema import ActuatorEntry
+    from pliant.study.body_tables import ActuatorEntry
 
     entry = ActuatorEntry(length=0.12, base_length=0.05, mass=0.05, links=2, joint_placement="midsegment")
     model = study_model(entry, None)

@@ -104,7 +104,8 @@ def test_a_forecast_of_a_tendon_is_in_its_own_unit():
     failures = Failures("", lambda _: None)
     (found,) = run_forecasts(study, {"r": like}, {"": result}, failures)
     assert found.stated == {"pull.tension": 2.0, "long.displacement": 3e-3}
-    assert [known_unit(name) for name in (*found.stated, "left.pressure", "left.valve_rise")] == ["N", "m", "Pa", "s"]
+    names = (*found.stated, "left.pressure", "left.valve_rise_time")
+    assert [known_unit(name) for name in names] == ["N", "m", "Pa", "s"]
     inputs = [Trace(knots, np.array([0.0, p, p, 0.0])) for p in (2.0, 3e-3)]
     run = simulate(model, inputs, times=TIME)["station_position"].values[:, 0]
     np.testing.assert_allclose(found.tip, run, atol=1e-4)

@@ -14,9 +14,10 @@ from pliant.preprocessing.align import align
 from pliant.preprocessing.alignment import alignment_of
 from pliant.recording import make_recording, write
 from pliant.study.body import in_base_frame, study_model
+from pliant.study.body_tables import ActuatorEntry, TendonTable
 from pliant.study.dense import body_of_fibre, shape_of
 from pliant.study.prepare import aligned_recording, all_aligned, in_frame
-from pliant.study.schema import ActuatorEntry, Fibre, Reduction, Study, TendonTable, check_chambers
+from pliant.study.schema import Fibre, Reduction, Study, check_chambers
 
 TURN, SHIFT = Rotation.random(rng=8), np.array([0.2, 0.5, -0.1])
 TIME = np.arange(150) / 50

@@ -224,7 +224,7 @@ def test_a_second_run_replaces_the_first_and_needs_no_memory_of_it(tmp_path: Pat
 
 def test_gravity_may_be_stated_in_the_tracker_or_in_the_base_frame(tmp_path: Path) -> None:
     settings = {"stiffness": {"value": 0.5, "free": False}, "damping": {"value": 3e-3, "free": False},
-                "torque_1": {"value": 6e-7, "free": False}, "valve_rise": "free"}
+                "torque_1": {"value": 6e-7, "free": False}, "valve_rise_time": "free"}
     found = []
     for gravity in ([0.0, -9.81], (AXES @ [0.0, -9.81, 0.0]).tolist()):
         content = changed("fits", "linear", "parameters", value=settings)

@@ -11,8 +11,8 @@ from pliant.identification.parameters import apply
 from pliant.recording import make_recording
 from pliant.simulation import Trace
 from pliant.study.body import study_model, tendon_of, tip_moves
+from pliant.study.body_tables import ActuatorEntry, TendonTable
 from pliant.study.prepare import part_of
-from pliant.study.schema import ActuatorEntry, TendonTable
 
 WIDE, THIN, LENGTH, E, DENSITY = 0.02, 0.01, 0.4, 3e5, 1200.0
 TAPER = {"at": [0.0, LENGTH], "radius": [WIDE, THIN], "modulus": E, "density": DENSITY}

@@ -67,7 +67,7 @@ def simulate_batch(
         by one on all cores, and only accept parameter names as in a fit.
     parameters : mapping of arrays (N,) or (N, n)
         Parameter values for one model, by names as in a fit (``stiffness``, ``damping_2``, ``torque_1``, ``mass``,
-        ``valve_rise``, ...) or by fields of `Model`; an array (N, n) gives a value for every link.
+        ``valve_rise_time``, ...) or by fields of `Model`; an array (N, n) gives a value for every link.
     duration, times
         Duration, or output times (T,) of all samples, s, as in `simulate`.
     time_step : float, optional

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
+from pliant.identification.names import find_path
 from pliant.mechanics.many import small_motions
 from pliant.mechanics.springs import springs_of
 from pliant.model import Model, Valve, fixed_length
@@ -23,7 +23,7 @@ Array = np.ndarray
 SCALARS = (*model_fields.SCALARS, *RUBBER)
 PER_LINK = (*model_fields.PER_LINK, "joint_gain")
 ALIKE = {name: attrgetter(name) for name in ("n", "mass_at", "memory")}  # of all models of a batch
-VALVE = {"valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time"}
+LAG = {f"valve_{field}": field for field in ("rise_time", "fall_time", "dead_time")}  # of a batch's valves
 
 
 @dataclass(frozen=True)
@@ -181,20 +181,19 @@ def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Ar
     """Store the values of one parameter, (N,) for N samples or (N, n) for the n links of each, in the dict `values` or,
     if it is one of the valve, in `valves`.
     """
-    joint = re.fullmatch(r"(stiffness|damping)_(\d+)", name)  # names as in a fit, or fields of `Model`
-    power = re.fullmatch(r"torque_([1-9])", name)
-    if joint and 1 <= int(joint[2]) <= len(values["stiffness"]):
-        values[joint[1]][int(joint[2]) - 1] = given
-    elif power:
-        missing = int(power[1]) - len(values["torque"])
-        values["torque"] = np.pad(values["torque"], ((0, max(0, missing)), (0, 0)))
-        values["torque"][int(power[1]) - 1] = given
+    path = find_path(name)  # names as in a fit, or fields of `Model`
+    if path and path.of_one_joint and path.field in values and 1 <= path.number <= len(values[path.field]):
+        values[path.field][path.number - 1] = given
+    elif path and path.quantity.per == "power":
+        missing = path.number - len(values[path.field])
+        values[path.field] = np.pad(values[path.field], ((0, max(0, missing)), (0, 0)))
+        values[path.field][path.number - 1] = given
     elif name == "mass":
         values["link_mass"] = values["link_mass"] * (given / values["link_mass"].sum(axis=0))
     elif name == "gain":
         values["joint_gain"] = values["joint_gain"] * (given / values["joint_gain"].mean(axis=0))
-    elif name in VALVE:
-        valves[VALVE[name]] = given
+    elif name in LAG:
+        valves[LAG[name]] = given
     elif name in values:
         if given.ndim > 1 and given.T.shape != values[name].shape:
             raise InputError(
@@ -203,7 +202,7 @@ def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Ar
             )
         values[name] = np.broadcast_to(given.T, values[name].shape).copy()
     else:
-        known = [*values, "stiffness_<i>", "damping_<i>", "torque_<k>", "mass", "gain", *VALVE]
+        known = [*values, "stiffness_<i>", "damping_<i>", "torque_<k>", "mass", "gain", *LAG]
         raise InputError(f"unknown batch parameter {name!r}: use one of {', '.join(known)}")
 
 

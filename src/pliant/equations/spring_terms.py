@@ -28,3 +28,14 @@ SPRING_TERMS = {
     "cubic_stiffening": SpringTerm("a", "1/rad^2", 1e9, (-100.0, 100.0, 0.5), (-1e4, 1e4, 50.0)),
 }
 SPRING_BOUND = "stiffening_bound"  # field: f, largest change of a spring's slope by the first term, over K
+
+
+def in_words(count: int = len(SPRING_TERMS), law: str = "K q") -> str:
+    """Return the spring law with its first `count` terms as text: ``K q (1 + s q + a q^2)``.
+
+    `law` is the linear law, whose last word is the symbol of the angle or strain.
+    """
+    symbol = law.rsplit(maxsplit=1)[-1]
+    letters = [term.letter for term in SPRING_TERMS.values()][:count]
+    powers = [f"{letter} {symbol}" + (f"^{k}" if k > 1 else "") for k, letter in enumerate(letters, 1)]
+    return f"{law} ({' + '.join(['1', *powers])})"

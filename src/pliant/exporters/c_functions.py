@@ -18,7 +18,7 @@ from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.extension import CURVES
-from pliant.model.file import UNITS
+from pliant.model.parts import declared
 from pliant.numerics.ldl import ldl_solve
 from pliant.simulation import march_loops, state
 from pliant.simulation.chamber_course import lag_of
@@ -33,13 +33,9 @@ COMPUTED = {  # by `update` from the other parameters: fields of inertia and spr
 DERIVED = (*dict.fromkeys(name for own in COMPUTED.values() for name in own), "hardening")  # all of them
 FORM = 5  # index of the law's number in a chamber's constants, which is fixed in the code
 UNIT = {  # of each parameter; one unit for each column where they differ
-    **UNITS, "valve": "s, s, Pa/s, Pa/s", "rubber": "1, s, Pa, s, 1", "joint_gain": "1", "creep_share": "1",
-    "creep_time": "s", "slip_share": "1", "slip_angle": "rad", "boucwen": "1, 1/rad^n, 1/rad^n, 1", "rest_turn": "rad",
-    "base_tilt": "rad", "radius": "m", "stiffness_ratio": "1", "twist_ratio": "1", "lever": "m",
-    "tendon_stiffness": "N/m", "pretension": "N", "friction": "1", "slip_rate": "m/s", "beyond": "1", "share": "1",
-    "tied": "1",
-    "axial_stiffness": "N", "axial_damping": "N s", **{f"axial_{name}": "1" for name in CURVES},
-    "axial_creep_share": "1", "axial_creep_time": "s", "axial_slip_share": "1", "axial_slip_strain": "1",
+    **{d.name: d.quantity.unit for d in declared()}, "dead_time": "s", "valve": "s, s, Pa/s, Pa/s",
+    "rubber": "1, s, Pa, s, 1", "boucwen": "1, 1/rad^n, 1/rad^n, 1", "tendon_stiffness": "N/m", "beyond": "1",
+    "share": "1", "tied": "1",
 }
 LIMITS = {  # in place of constants of these names, in single precision: what it can reach, and numbers that it can hold
     "AGREE": 2e-6,  # rad, see `equations.memory`

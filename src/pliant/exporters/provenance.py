@@ -13,7 +13,7 @@ from pliant.errors import InputError
 from pliant.exporters.difference import Difference
 from pliant.files import content_of
 from pliant.model import Model
-from pliant.model.file import UNITS, model_to_dict
+from pliant.model.file import model_to_dict, unit_of
 from pliant.text import Form, escaped
 from pliant.version import __version__
 
@@ -39,12 +39,13 @@ class Provenance:
     def to_dict(self) -> dict[str, Any]:
         """Return the origin of an exported model as a dict of plain values."""
         content = model_to_dict(self.model)
-        for name in ("schema_name", "schema_version", "units", "source", "name"):
+        units = content.pop("units")
+        for name in ("schema_name", "schema_version", "source", "name"):
             content.pop(name)
         return {
             "name": self.model.name, "made_by": f"pliant {__version__}", "target": self.target,
             "command": self.command, "frame": frame_of(self.model),
-            "units": UNITS, "parameters": content, "source": self.model.source,
+            "units": units, "parameters": content, "source": self.model.source,
             "standard_errors": dict(self.std) or "not known: the model file has none and no fit was given",
             "left_out": list(self.left_out), "notes": list(self.notes),
             "difference": self.difference.to_dict() if self.difference else None,
@@ -61,7 +62,9 @@ class Provenance:
             f"{content['name']}: {self.target} made by {content['made_by']}", f"command: {content['command']}",
             f"frame: {content['frame']}", "SI units throughout",
         ]
-        rows = [f"{k}: {json.dumps(v)} {UNITS.get(k, '')}".rstrip() for k, v in content["parameters"].items()]
+        units = {k: unit_of(k) for k in content["parameters"]}
+        rows = [f"{k}: {json.dumps(v)} {units[k] if units[k] != '1' else ''}".rstrip()
+                for k, v in content["parameters"].items()]  # fmt: skip
         standard = content["standard_errors"]
         errors = [f"{k}: {v:.4g}" for k, v in standard.items()] if isinstance(standard, dict) else [standard]
         source = [f"{k}: {v}" for k, v in content["source"].items()]

@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
 
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
+from pliant.identification.names import INPUT_MEANS, LAW, declarations, families, find_path, path_of, paths
 from pliant.model import Chamber, Model, Tendon
-from pliant.model.chamber import RUBBER
-from pliant.model.torque_law import laid_torque, law_parameters, torque_laws
+from pliant.model.parts import CHAMBER, TENDON, VALVE, fitted
+from pliant.model.torque_law import laid_torque, torque_laws
 
 Array = np.ndarray
-VALVE = {
-    "valve_rise": "rise_time", "valve_fall": "fall_time", "valve_dead_time": "dead_time",
-    "valve_rise_rate": "rise_rate", "valve_fall_rate": "fall_rate",
-    "valve_dead_band": "dead_band", "valve_settle_share": "settle_share", "valve_settle_time": "settle_time",
-    "valve_opening_time": "opening_time",
-}  # fmt: skip
-GAINS = r"gain|gain_[xy]|(joint|cross)_gain_(\d+|\*)"
-TENDON = ("lever", "taper", "line_stiffness", "pretension", "imbalance", "pulley", "friction")
-OWN = re.compile(rf"torque_[1-9]|axial_gain|{GAINS}|{'|'.join((*VALVE, *RUBBER, *TENDON))}")
-
-
-@lru_cache(4096)
-def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return those of `names` that match the regular expression `pattern` in full. The result is cached."""
-    return tuple(name for name in names if re.fullmatch(pattern, name))
+GAINS = ("gain", "gain_x", "gain_y", "joint_gain", "cross_gain")
+OF_CHAMBERS = (CHAMBER, TENDON, VALVE, INPUT_MEANS, LAW)
+OWN = tuple(name for name, row in declarations().items() if row.part in OF_CHAMBERS)
 
 
 class Named(Protocol):
@@ -66,13 +53,15 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
     named, changed = owners(model), []
     shared = values
     if model.actuation.count > 1:
-        gains = matching(GAINS, tuple(values))
-        shared = {k: v for k, v in values.items() if k not in gains}
+        shared = {k: v for k, v in values.items() if not is_gain(k)}
     for chamber in model.chambers:
         own = shared
         if named:
             start = f"{chamber.name}."
-            own = {**shared, **{k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}}
+            stated = {k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}
+            for name in stated:
+                check_effect(f"{start}{name}", name, [chamber])
+            own = {**shared, **stated}
         changes = chamber_changes(chamber, own)
         changed.append(replace(chamber, **changes) if changes else chamber)
     return tuple(changed)
@@ -80,27 +69,31 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
 
 def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Any]:
     """Return a chamber's changed fields under the parameter `values`, as a dict for `dataclasses.replace`."""
-    changes: dict[str, Any] = {k: values[k] for k in RUBBER if k in values}
-    names = tuple(values)
-    if "axial_gain" in values and not isinstance(chamber, Tendon):
+    changes: dict[str, Any] = {}
+    moved, powers = {}, {}
+    for name, path in paths(values, CHAMBER, TENDON, VALVE):
+        if path.owner or not has_effect(path.own, chamber):
+            continue
+        if path.part is VALVE:
+            moved[path.field] = values[name]
+        elif path.quantity.per == "power":
+            powers[path.number] = values[name]
+        elif not path.quantity.per:
+            changes[path.field] = values[name]
+    if "axial_gain" in values and has_effect("axial_gain", chamber):
         pushed = chamber.axial_gain != 0
         changes["axial_gain"] = np.where(pushed if pushed.any() else True, values["axial_gain"], 0.0)
-    changes |= changed_gains(chamber, values) | tendon_changes(chamber, values)
-    if powers := {int(k[-1]): values[k] for k in matching("torque_[1-9]", names)}:
+    changes |= changed_gains(chamber, values)
+    if powers:
         law = np.zeros(max([chamber.torque.size, *powers]))
         law[: chamber.torque.size] = chamber.torque if chamber.law == POLYNOMIAL else 0.0
         for k, value in powers.items():
             law[k - 1] = value
         changes |= {"law": POLYNOMIAL, "torque": law}
-    changes |= laid_torque(values)
-    if moved := {field: values[name] for name, field in VALVE.items() if name in values}:
+    changes |= {} if isinstance(chamber, Tendon) else laid_torque(values)
+    if moved:
         changes["valve"] = replace(chamber.valve, **moved)
     return changes
-
-
-def tendon_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, float]:
-    """Return a tendon's changed fields under the parameter `values`, as a dict; {} for a pressure chamber."""
-    return {name: values[name] for name in TENDON if name in values} if isinstance(chamber, Tendon) else {}
 
 
 def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
@@ -108,11 +101,10 @@ def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Ar
     parameter in `values` sets the gain of a single joint, or scales all gains to a given mean.
     """
     changes: dict[str, Array] = {}
-    for field in ("joint_gain", "cross_gain"):
-        if joint := {int(k.rpartition("_")[2]): values[k] for k in matching(rf"{field}_\d+", tuple(values))}:
-            changes[field] = np.array(np.broadcast_to(getattr(chamber, field), chamber.joint_gain.shape))
-            for i, value in joint.items():
-                changes[field][i - 1] = value
+    for name, path in paths(values, CHAMBER):
+        if path.of_one_joint and not path.owner:
+            gains = np.broadcast_to(getattr(chamber, path.field), chamber.joint_gain.shape)
+            changes.setdefault(path.field, np.array(gains))[path.number - 1] = values[name]
     if "gain_x" in values or "gain_y" in values:
         changes |= turned_gains(chamber, values)
     if "gain" in values:
@@ -156,14 +148,15 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
     several = model.actuation.count > 1
     for name in names:
         owner, dot, own = name.partition(".")
-        if dot and owner in mine and not (OWN.fullmatch(own) or own in law_parameters()):
+        if dot and owner in mine and not of_chamber(own):
+            known = [family for family in families() if of_chamber(family.partition("_<")[0])]
             raise InputError(
-                f"parameter {name}: {owner!r} is a chamber, and no chamber has a parameter {own!r}. Use torque_<k>, "
-                f"gain, joint_gain_<i>, axial_gain, {', '.join((*VALVE, *RUBBER, *law_parameters()))}"
+                f"parameter {name}: {owner!r} is a chamber, and no chamber has a parameter {own!r}. Use "
+                f"{', '.join(known)}"
             )
         meant = [model.chambers[mine.index(owner)]] if dot and owner in mine else model.chambers
         check_effect(name, own if dot else name, meant)
-        if several and re.fullmatch(GAINS, own if dot and owner not in mine else name):
+        if several and is_gain(own if dot and owner not in mine else name):
             raise InputError(
                 f"parameter {name}: in a model of several chambers, name the chamber of a gain, such as "
                 f"{mine[0]}.{own or name}; the chambers are {', '.join(mine)}"
@@ -174,22 +167,32 @@ def check_effect(name: str, own: str, chambers: Sequence[Chamber]) -> None:
     """Raise InputError if a parameter, called `own` without the name of its owner, belongs to the law of a chamber or
     tendon, but has no effect on any of `chambers`. `name` is its full name.
     """
-    if not (OWN.fullmatch(own) or own in law_parameters()) or any(has_effect(own, c) for c in chambers):
+    if not of_chamber(own) or any(has_effect(own, c) for c in chambers):
         return
     who = " and ".join(f"{c.name!r}, a {'tendon' if isinstance(c, Tendon) else 'chamber'} driven by its {c.kind}"
                        for c in chambers)  # fmt: skip
-    known = [n for n in (*TENDON, "torque_<k>") if any(has_effect(n.replace("<k>", "1"), c) for c in chambers)]
+    known = [n for n in (*fitted(TENDON), "torque_<k>") if any(has_effect(n.replace("<k>", "1"), c) for c in chambers)]
     raise InputError(f"parameter {name}: {own} has no effect on {who}: use {', '.join(known)}")
 
 
 def has_effect(own: str, chamber: Chamber) -> bool:
     """Return whether a parameter changes the law of a pressure chamber or of a tendon."""
+    path = path_of(own)
     if not isinstance(chamber, Tendon):
-        return own not in TENDON
-    if own in TENDON:
-        elastic = chamber.elastic or own not in ("line_stiffness", "pretension", "imbalance", "pulley")
-        return elastic and (own != "pulley" or chamber.driven_by == "angle") and (own != "imbalance" or chamber.pair)
-    return bool(re.fullmatch(GAINS, own)) or own in VALVE
+        return path.part is not TENDON
+    return path.part is VALVE or path.stem in GAINS or (path.part is TENDON and chamber.uses(path.field))
+
+
+def of_chamber(own: str) -> bool:
+    """Return whether the parameter `own`, named with or without its number, is that of a chamber or tendon."""
+    path = find_path(own)
+    return own in OWN or (path is not None and path.part in OF_CHAMBERS)
+
+
+def is_gain(name: str) -> bool:
+    """Return whether a parameter, named without its chamber, is a gain at one joint or a mean of the gains."""
+    path = find_path(name)
+    return path is not None and not path.owner and path.stem in GAINS
 
 
 def held_gains(parameters: Iterable[Named], model: Model) -> tuple[str, ...]:

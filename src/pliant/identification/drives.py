@@ -10,6 +10,7 @@ import xarray as xr
 
 from pliant.errors import InputError
 from pliant.identification.experiment import Experiment, leading
+from pliant.identification.names import path_of
 from pliant.model import Model, Tendon
 from pliant.recording.inputs import RecordedInput, recorded_inputs
 from pliant.recording.rules import INPUT_UNITS
@@ -223,7 +224,7 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
         for k in mine if moves[k] <= IDLE * moves[most]
     ]
     driven = [k for k in mine if moves[k] > IDLE * moves[most]]
-    uneven = any(n.startswith("stiffness_") for n in names)
+    uneven = any(path.stem == "stiffness" and path.numbers for path in map(path_of, names))
     for a, b in combinations(driven, 2):
         one, other = model.chambers[a], model.chambers[b]
         if shared(seen[:, a], seen[:, b]) < ALIKE:

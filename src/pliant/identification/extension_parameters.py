@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError
 from pliant.identification.chamber_parameters import owners
+from pliant.identification.names import paths
 from pliant.model import Extension, Model
-from pliant.model.summary import in_words
+from pliant.model.parts import BODY, SEGMENT, fitted
+from pliant.model.quantity import quantities
 
-# name: (unit, lower, upper, scale, meaning)
-ROWS: dict[str, tuple[str, float, float, float, str]] = {
-    "axial_stiffness": ("N", 1e-6, np.inf, 0.0, "EA of an extensible segment, force per strain"),
-    "axial_damping": ("N s", 0.0, np.inf, 0.0, "force per strain rate of an extensible segment"),
-    **{
-        f"axial_{name}": ("1", *term.axial, f"{term.letter} of axial springs {in_words(law='EA e')} of the strain e")
-        for name, term in SPRING_TERMS.items()
-    },
-    f"axial_{SPRING_BOUND}": ("1", 1e-3, 0.99, 0.2, "f of them: what s does to the slope at most, in parts of EA"),
-    "axial_gain": ("1/m", -1e5, 1e5, 0.0, "axial force of a chamber over its torque; 1 / offset by geometry"),
-}
-ALWAYS = {"axial_stiffness": "stiffness", "axial_damping": "damping"}
-OWN = ALWAYS | {f"axial_{name}": name for name in (*SPRING_TERMS, SPRING_BOUND)}
+OWN = fitted(SEGMENT)  # name in a fit: field
+ALWAYS = {name: field for name, field in OWN.items() if quantities(Extension)[field].start is None}
 
 
 def segments(model: Model) -> tuple[str, ...]:
@@ -44,7 +31,7 @@ def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     """
     if "body_stiffness" not in values:
         return {}
-    if single := [name for name in values if re.fullmatch(r"stiffness(_(\d+|\*))?", name)]:
+    if single := [name for name, path in paths(values, BODY) if path.field == "stiffness" and not path.owner]:
         raise InputError(f"body_stiffness sets the stiffness of all joints: give it or {single[0]}, not both")
     ratio = values["body_stiffness"] / float(model.stiffness[0])
     extensions = tuple(replace(e, stiffness=ratio * e.stiffness) for e in model.extensions)
@@ -73,7 +60,7 @@ def check_segment_names(names: Iterable[str], model: Model, others: set[str]) ->
         )
     for name in names:
         owner, dot, own = name.partition(".")
-        if (own if dot else owner) in ROWS and not mine:
+        if (own if dot else owner) in (*OWN, "axial_gain") and not mine:
             raise InputError(
                 f"parameter {name}: the model has no extensible segment; give it extensions (in a study: "
                 "[[actuator.extensions]])"

@@ -26,12 +26,13 @@ WEAK = 0.5  # expected standard error, in sizes of the parameter, above which a 
 TAKES_PART = 0.03  # of the largest entry of a direction
 FIX_FIRST = (  # what a user most likely knows, or can do without
     "mass", "valve_dead_time", "gain", "tip_mass", "base_x", "base_y", "along", "across", "gravity_angle", "rest_angle",
-    "base_angle", "torque_3", "torque_2", "valve_fall", "valve_rise", "torque_1", "start", "damping", "stiffness",
+    "base_angle", "torque_3", "torque_2", "valve_fall_time", "valve_rise_time", "torque_1", "start", "damping",
+    "stiffness",
 )
 RECORD = (  # parameters of a direction, and the recording that would show it
     ({"mass"}, "a known load at the tip"),
     ({"torque_1", "torque_2"}, "another pressure level"), ({"torque_1", "torque_3"}, "another pressure level"),
-    ({"valve_fall"}, "the fall of the pressure"), ({"valve_rise"}, "the rise of the pressure"),
+    ({"valve_fall_time"}, "the fall of the pressure"), ({"valve_rise_time"}, "the rise of the pressure"),
     ({"valve_dead_time"}, "the pressure itself"), ({"gravity_angle"}, "another orientation of the base"),
     ({"damping"}, "a free decay"), ({"twist_ratio"}, "a known force beside the axis"),
     ({"stiffness_ratio"}, "bending about both axes"),

@@ -9,12 +9,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pliant.errors import FitError, InputError, SimulationError
-from pliant.identification.chamber_parameters import TENDON, owners, prefixes
+from pliant.identification.chamber_parameters import owners, prefixes
 from pliant.identification.drives import check_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.extension_parameters import segments
 from pliant.identification.memory_parameters import LAYOUTS, chamber_guess
+from pliant.identification.names import declarations
 from pliant.identification.parameters import (
     Parameter,
     apply,
@@ -28,17 +29,14 @@ from pliant.identification.space_parameters import space_start
 from pliant.identification.torque_start import extension_starts, highest_level, torque_starts, typical_sizes
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, Tendon
+from pliant.model.parts import TENDON, fitted
 from pliant.model.torque_law import unfinished_law
 from pliant.numerics.ringdown import LEAST_SWING, RingDown, ring_down
 from pliant.simulation import equilibrium, modes
 from pliant.simulation.forces import loads_at
 
 Array = np.ndarray
-DEFAULTS = {
-    "tip_mass": 0.0, "valve_rise": 0.02, "valve_fall": 0.02, "valve_dead_time": 0.005, "base_angle": 0.0,
-    "base_x": 0.0, "base_y": 0.0, "base_z": 0.0, "base_turn": 0.0, "hold_force": 0.0, "release_time": 0.04,
-    "start": 0.0, "latency": 0.0, "sensor_lag": 0.05,
-}
+DEFAULTS = {name: row.quantity.guess for name, row in declarations().items() if row.quantity.guess is not None}
 MOST_BAND = 1e6  # high over low
 
 
@@ -244,7 +242,8 @@ def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str,
         highest = max([abs(t.peak) for t in driven], default=highest_level(experiments))
         found |= {f"{start}{k}": v for k, v in chamber_guess(highest).items()}
         found[f"{start}gain"] = float(chamber.joint_gain.mean())
-        found |= {f"{start}{name}": float(getattr(chamber, name)) for name in TENDON if isinstance(chamber, Tendon)}
+        if isinstance(chamber, Tendon):
+            found |= {f"{start}{name}": float(getattr(chamber, field)) for name, field in fitted(TENDON).items()}
         for field in ("joint_gain", "cross_gain"):
             gains = np.broadcast_to(getattr(chamber, field), model.n)
             found |= {f"{start}{field}_{i + 1}": float(a) for i, a in enumerate(gains)}
@@ -265,7 +264,7 @@ def bands_of_layouts(
     found = []
     for law, band in chosen.items():
         ends = [f"{law}_low", f"{law}_high"]
-        if not {shared_name(name) for name in names} & {f"{law}_{f}" for f in LAYOUTS[law][1]} - {*ends}:
+        if not {shared_name(name) for name in names} & {*fitted(LAYOUTS[law])} - {*ends}:
             continue
         if moving := [p.name for p in parameters if p.free and shared_name(p.name) in ends]:
             raise InputError(

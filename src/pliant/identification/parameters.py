@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
-from functools import cache, reduce
 from typing import Any
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.identification import extension_parameters, space_parameters
-from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, matching, owners
-from pliant.identification.memory_parameters import ROWS, memory_changes, usual_start
-from pliant.model import Model
-from pliant.model.torque_law import law_parameters
+from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, owners
+from pliant.identification.memory_parameters import memory_changes, usual_start
+from pliant.identification.names import RECORDING, find_path, path_of, paths
+from pliant.model import Model, Station
+from pliant.model.parts import BODY, STATION
+from pliant.model.quantity import Quantity, quantities
 
 MOSTLY_PRIOR = 0.7  # of the prior's standard deviation left after a fit: half of the information is the prior's
 
@@ -30,7 +29,7 @@ class Parameter:
     Parameters
     ----------
     name : str
-        One of `KNOWN`, or ``recording.name`` for a parameter of one recording alone.
+        A name of `pliant.identification.names.families`, or ``recording.name`` for a parameter of one recording alone.
     value : float or None
         Start value of a free parameter or value of a fixed one, SI. None: the start is estimated from the recordings.
     lower, upper : float
@@ -98,7 +97,7 @@ class Parameter:
             raise InputError(f"parameter {self.name}: prior_std must be positive, got {self.prior_std}")
         if self.shrink < 0:
             raise InputError(f"parameter {self.name}: shrink must be a positive fraction, got {self.shrink}")
-        if self.shrink and not re.search(r"_(\d+|\*)$", self.name):
+        if self.shrink and not path_of(self.name).of_one_joint:
             raise InputError(f"parameter {self.name}: shrink is only for a parameter of a single joint, such as "
                              "stiffness_2: leave it out")  # fmt: skip
 
@@ -136,99 +135,26 @@ class Parameter:
         return f"{which}; moved by {self.moved:+.1f} of its sd, narrowed to {100 * min(self.narrowed, 1.0):.0f} %"
 
 
-@dataclass(frozen=True)
-class Kind:
-    """Unit, bounds, typical size and meaning of a parameter, as its name determines them."""
-
-    unit: str
-    lower: float = -np.inf
-    upper: float = np.inf
-    scale: float = 0.0
-    meaning: str = ""
+OF_A_RECORD = frozenset(quantities(RECORDING.record))  # parameters of a recording that no model has
 
 
-PER_JOINT = ("stiffness", "damping", "rest_angle")
-KNOWN: dict[str, Kind] = {
-    "stiffness": Kind("N m/rad", lower=1e-9, meaning="stiffness of every joint"),
-    "damping": Kind("N m s/rad", lower=0.0, meaning="damping of every joint"),
-    "body_stiffness": Kind("N m/rad", lower=1e-9, meaning="stiffness of the first joint; others and EA in proportion"),
-    r"stiffness_(\d+|\*)": Kind("N m/rad", lower=1e-9, meaning="stiffness of one joint, 1 the first, * each"),
-    r"damping_(\d+|\*)": Kind("N m s/rad", lower=0.0, meaning="damping of one joint, 1 the first, * each"),
-    "rest_angle": Kind("rad", lower=-3.2, upper=3.2, scale=0.05, meaning="rest angle of every joint"),
-    r"rest_angle_(\d+|\*)": Kind("rad", lower=-3.2, upper=3.2, scale=0.05, meaning="rest angle of one joint, * each"),
-    "joint_share": Kind("1", lower=0.0, upper=0.99, scale=0.1, meaning="position of a joint in its segment, 0 at base"),
-    "gravity_angle": Kind("rad", lower=-6.3, upper=6.3, scale=0.05, meaning="angle of gravity from the base tangent"),
-    "gain": Kind("1", scale=1.0, meaning="mean of the joints' gains: a factor on the whole torque law"),
-    r"joint_gain_(\d+|\*)": Kind("1", scale=0.3, meaning="factor on the torque law at one joint, * each"),
-    r"cross_gain_(\d+|\*)": Kind("1", scale=0.3, meaning="factor on the torque law about y at one joint, in space"),
-    "lever": Kind("m", lower=1e-6, scale=2e-3, meaning="distance of a tendon's path from the axis, at the base"),
-    "taper": Kind("1", scale=5e-3, meaning="decrease of a tendon's distance from the axis per length"),
-    "line_stiffness": Kind("N/m", lower=1e-6, meaning="stiffness of a tendon with its motor and mounts"),
-    "pretension": Kind("N", scale=1.0, meaning="tension of a tendon at rest; below 0 it hangs slack"),
-    "imbalance": Kind("N", scale=1.0, meaning="pretension of a pair's first tendon less that of its second"),
-    "friction": Kind("1", lower=0.0, upper=5.0, scale=0.1, meaning="coefficient of friction along a tendon"),
-    "pulley": Kind("m", lower=1e-6, meaning="radius of a motor's pulley"),
-    "gain_[xy]": Kind("1", scale=0.3, meaning="mean factor on the torque about x or y, in space"),
-    r"torque_[1-9]": Kind("N m/Pa^k", meaning="coefficient of pressure^k in the torque law"),
-    "mass": Kind("kg", lower=1e-9, meaning="mass of all links together, without the tip mass"),
-    "tip_mass": Kind("kg", lower=0.0, scale=5e-3, meaning="cap or load at the last tip"),
-    "valve_rise": Kind("s", lower=0.0, upper=30.0, scale=0.02, meaning="valve time constant, pressure rising"),
-    "valve_fall": Kind("s", lower=0.0, upper=30.0, scale=0.02, meaning="valve time constant, pressure falling"),
-    "valve_dead_time": Kind("s", lower=0.0, upper=5.0, scale=0.01, meaning="valve dead time"),
-    "base_angle": Kind("rad", lower=-1.0, upper=1.0, scale=0.05, meaning="angle of the base tangent from +y"),
-    "base_x": Kind("m", scale=1e-3, meaning="offset of the recording's frame, x"),
-    "base_y": Kind("m", scale=1e-3, meaning="offset of the recording's frame, y"),
-    "base_z": Kind("m", scale=1e-3, meaning="offset of the recording's frame, z, in space"),
-    r".+\.along": Kind("m", scale=2e-3, meaning="position of a station along its link"),
-    r".+\.across": Kind("m", scale=2e-3, meaning="position of a station across its link"),
-    r".+\.aside": Kind("m", scale=2e-3, meaning="position of a station out of the plane, in space"),
-    "start": Kind("s", scale=0.01, meaning="when the pulse begins, or the pressure clock's offset"),
-    "stop": Kind("s", scale=0.01, meaning="when the pulse ends"),
-    "latency": Kind("s", lower=-5.0, upper=5.0, scale=5e-3, meaning="delay of the shape's time stamps behind pressure"),
-    "sensor_lag": Kind("s", lower=0.0, upper=10.0, scale=0.02, meaning="time constant of the shape's sensor"),
-    "release": Kind("s", scale=0.01, meaning="when the held body is let go"),
-    "release_time": Kind("s", lower=0.0, upper=0.2, scale=0.01, meaning="time that the hand takes to let go"),
-    "base_turn": Kind("rad", lower=-0.2, upper=0.2, scale=0.01, meaning="turn of a clamp that yields at release"),
-    "hold_force": Kind("N", scale=0.05, meaning="force at the tip, along x, that holds the body before its release"),
-    **{n: Kind(*row) for n, row in {**ROWS, **extension_parameters.ROWS, **space_parameters.ROWS}.items()},
-}
-
-
-OF_A_RECORD = frozenset({  # parameters of a recording that no model has
-    "base_x", "base_y", "base_z", "start", "stop", "latency", "release", "release_time", "base_turn", "hold_force",
-})  # fmt: skip
-
-
-@cache
-def kind_of(name: str) -> Kind:
+def kind_of(name: str) -> Quantity:
     """Return the unit, bounds and meaning of a parameter by its `name`, with or without a recording's or chamber's
     prefix.
     """
-    for candidate in (name, name.partition(".")[2]):
-        for pattern, kind in KNOWN.items():
-            if candidate and re.fullmatch(pattern, candidate):
-                return kind
-        if candidate in law_parameters():
-            return Kind(*law_parameters()[candidate])
-    plain = ((r"(\d+|\*)", "<i>"), ("[1-9]", "<k>"), (r".+\.", "<station>."), (r"(\d+)", "<i>"),
-             ("([xyz])", "<axis>"), ("([xy])", "<axis>"), ("[xy]", "<axis>"))  # fmt: skip
-    readable = [reduce(lambda text, pair: text.replace(*pair), plain, pattern) for pattern in KNOWN]
-    readable += law_parameters()
-    near = get_close_matches(name[:80].rpartition(".")[2], readable, 1, 0.6)
-    meant = f"did you mean {near[0]!r}? Known are " if near else "use one of "
-    raise InputError(
-        f"unknown parameter {name!r}: {meant}{', '.join(readable)}, some also with the name of a recording or chamber "
-        "and a dot in front"
-    )
+    return path_of(name).quantity
 
 
 def shared_name(name: str) -> str:
     """Return a parameter's name without the recording, chamber or joint number in it. The name of a station's position,
     such as ``tip.along``, is returned whole.
     """
-    of_station = name.endswith((".along", ".across", ".aside")) and name.count(".") == 1
-    own = name if of_station else name.partition(".")[2] or name
-    return re.sub(r"^(stiffness|damping|rest_angle|joint_gain|cross_gain)_\d+$", r"\1", own)
+    path = find_path(name)
+    if path is None:
+        return name.rpartition(".")[2]
+    if path.part is STATION:
+        return f"{path.owner.rpartition('.')[2]}.{path.own}"
+    return path.stem if path.of_one_joint else path.own
 
 
 def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
@@ -251,15 +177,7 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
     """
     if "joint_share" in values:
         model = moved_joints(model, values["joint_share"])
-    changes: dict[str, Any] = {k: values[k] for k in ("tip_mass", "base_angle") if k in values}
-    names = tuple(values)
-    for field in PER_JOINT:
-        joint = {int(k.rpartition("_")[2]): values[k] for k in matching(rf"{field}_\d+", names)}
-        if field in values or joint:
-            array = np.full(model.n, values[field]) if field in values else getattr(model, field).copy()
-            for i, value in joint.items():
-                array[i - 1] = value
-            changes[field] = array
+    changes = body_changes(model, values)
     changes |= extension_parameters.stiffened(model, values)
     changes |= memory_changes(model, values)
     chambers = changed_chambers(model, values)
@@ -278,11 +196,28 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
     return model.with_(**changes) if changes else model
 
 
+def body_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
+    """Return the body's changed fields under the parameter `values`, as a dict for `Model.with_`. A value for all
+    joints comes before those of single joints.
+    """
+    changes: dict[str, Any] = {}
+    for name, path in sorted(paths(values, BODY), key=lambda pair: pair[1].number):
+        if path.owner:
+            continue
+        if path.quantity.per != "joint":
+            changes[path.field] = values[name]
+        elif not path.numbers:
+            changes[path.field] = np.full(model.n, values[name])
+        else:
+            changes.setdefault(path.field, getattr(model, path.field).copy())[path.number - 1] = values[name]
+    return changes
+
+
 def moved_stations(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     """Return the model's stations at the positions in `values`, as an argument of `Model.with_`; {} if none moves."""
-    if not any(name.endswith((".along", ".across", ".aside")) for name in values):
+    if not any(paths(values, STATION)):
         return {}
-    axes = ("along", "across", "aside")
+    axes = quantities(Station)
     places = ({k: values.get(f"{s.name}.{k}", getattr(s, k)) for k in axes} for s in model.points)
     return {"stations": tuple(s._replace(**own) for s, own in zip(model.points, places, strict=True))}
 
@@ -338,13 +273,13 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
         if p.name in seen:
             raise InputError(f"parameter {p.name} is listed twice: remove one of the two")
         seen.add(p.name)
-        owner, dot, own = p.name.partition(".")
+        owner, dot, _ = p.name.partition(".")
         if dot and owner not in known:
             what = "recording, station or chamber" if owners(model) else "recording or station"
             there = ", ".join(sorted(known))
             raise InputError(f"parameter {p.name}: no {what} is called {owner!r}; use one of {there}")
-        number = re.fullmatch(rf"(?:{'|'.join(PER_JOINT)}|joint_gain)_(\d+)", own or owner)
-        if number and not 1 <= int(number[1]) <= model.n:
+        path = path_of(p.name)
+        if path.quantity.per in ("joint", "axis and joint") and path.numbers and not 1 <= path.number <= model.n:
             raise InputError(f"parameter {p.name}: the model has joints 1 to {model.n}; use one of their numbers")
     for start in ("", *(f"{name}." for name in owners(model))):
         if f"{start}gain" in seen and any(name.startswith(f"{start}joint_gain_") for name in seen):

@@ -13,6 +13,7 @@ from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.experiment import Experiment
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
+from pliant.identification.names import path_of
 from pliant.identification.parameters import Parameter
 from pliant.identification.plans import Plans
 from pliant.identification.residuals import Observations, correlated_frames
@@ -226,7 +227,8 @@ def with_held_mean(
     """Return R + 1 residuals A x - b, as A (R + 1, P) and b (R + 1,), for scaled parameters x (P,): the R residuals
     given by `known`, and one that holds a chamber's mean joint gain at its start value.
     """
-    gains = np.array([p.name.startswith(f"{chamber}joint_gain_") for p in free])
+    paths = [path_of(p.name) for p in free]
+    gains = np.array([path.stem == "joint_gain" and path.owner == chamber.removesuffix(".") for path in paths])
     row = gains * scale / (gains.sum() * HELD_MEAN)
     return np.concatenate([known[0], row[None]]), np.append(known[1], row @ start)
 

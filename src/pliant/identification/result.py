@@ -11,6 +11,7 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import LONGEST
+from pliant.identification.names import stem_of
 from pliant.identification.parameters import Parameter, values_of
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
@@ -185,8 +186,8 @@ def cautions(
 ) -> list[str]:
     """Return warnings about an unphysical fit: zero damping, implausible density, or a lag longer than a pulse."""
     values = values_of(parameters)
-    free = {p.name for p in parameters if p.free}
-    none = sorted(n for n in free if n.startswith("damping") and values[n] <= 1e-9 * model.stiffness.mean())
+    free = {p.name: stem_of(p.name) for p in parameters if p.free}
+    none = sorted(n for n, stem in free.items() if stem == "damping" and values[n] <= 1e-9 * model.stiffness.mean())
     found = [f"{n} is zero, which no real body has: another parameter accounts for the decay, or the time step is too "
              "long." for n in none]  # fmt: skip
     if section_area is not None:
@@ -199,7 +200,7 @@ def cautions(
     for exp in experiments:
         lag = max(max(c.valve.rise_time, c.valve.fall_time) for c in model.chambers)
         width = pulse_width(exp, values)
-        if lag > width and {n.rpartition(".")[2] for n in free} & {"valve_rise", "valve_fall"}:
+        if lag > width and {*free.values()} & {"valve_rise_time", "valve_fall_time"}:
             found.append(
                 f"the valve's lag of {lag:.3g} s is longer than the pulse of {exp.name}, {width:.3g} s: it compensates "
                 "for another effect, such as creep."
@@ -208,7 +209,7 @@ def cautions(
     if model.actuation.count > 1:  # those on opposite sides bend opposite ways
         return [sentence[0].upper() + sentence[1:] for sentence in found]
     gain = float((model.joint_gain * model.torque_at(max(e.peak for e in experiments))).min()) if experiments else 1.0
-    if gain < 0 and any(n.startswith(("torque_", "gain")) for n in free):
+    if gain < 0 and {*free.values()} & {"torque", "gain"}:
         found.append("the torque is negative at the highest pressure: model and recordings bend opposite ways.")
     return [sentence[0].upper() + sentence[1:] for sentence in found]
 

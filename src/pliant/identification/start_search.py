@@ -7,7 +7,6 @@ from each of the best few then decides. Only the beginnings of the recordings ar
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -15,9 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.errors import InputError, PliantError
+from pliant.identification.chamber_parameters import GAINS
 from pliant.identification.edges import displacement
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import prepare, ring_start
+from pliant.identification.names import stem_of
 from pliant.identification.optimise import solve
 from pliant.identification.parameters import Parameter, apply, each_joint, shared_name, values_of
 from pliant.identification.problem import Problem
@@ -31,8 +32,6 @@ KEPT = 2  # candidates that get a short fit
 TRIAL = 6  # evaluations of a short fit
 DURATION, SHORTEST = 2.0, 0.5  # s after the motion begins: of all recordings together, and of each at least
 MOVING = 0.05  # of the peak displacement: beginning of the motion
-LAWS = r"torque_\d"
-GAINS = r"gain(_[xy])?|(joint|cross)_gain_\d+"
 
 
 def searched(
@@ -91,12 +90,7 @@ def independent_start(
 
 def is_sought(name: str) -> bool:
     """Return whether the search over stiffnesses determines the start value of the parameter `name`."""
-    return shared_name(name) in ("stiffness", "damping") or bool(re.fullmatch(rf"{LAWS}|{GAINS}", last_part(name)))
-
-
-def last_part(name: str) -> str:
-    """Return the name of a parameter without the prefix of its recording or chamber."""
-    return name.rpartition(".")[2]
+    return shared_name(name) in ("stiffness", "damping") or stem_of(name) in ("torque", *GAINS)
 
 
 class TrialStart(NamedTuple):
@@ -186,5 +180,5 @@ def linear_torques(model: Model, listed: Sequence[Parameter]) -> set[str]:
     """
     tendons = {c.name for c in model.chambers if c.kind != Chamber.kind}
     names = [p.name for p in listed if p.value is None and p.free and p.name.partition(".")[0] not in tendons]
-    laws = {name for name in names if re.fullmatch(LAWS, last_part(name))}
-    return laws or {name for name in names if re.fullmatch(GAINS, last_part(name))}
+    laws = {name for name in names if stem_of(name) == "torque"}
+    return laws or {name for name in names if stem_of(name) in GAINS}

@@ -4,7 +4,6 @@ of segments that lengthen.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,9 +14,11 @@ from pliant.identification.drives import alone
 from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.extension_parameters import ALWAYS
+from pliant.identification.names import path_of, paths
 from pliant.identification.parameters import shared_name
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model
+from pliant.model.parts import CHAMBER
 from pliant.model.torque_law import law_parameters, torque_laws
 from pliant.numerics.curve import arc_lengths
 from pliant.numerics.ringdown import peak
@@ -71,8 +72,9 @@ def torque_start(
     if named := law_starts(wanted, levels[:, 0], torques):
         return named
     weight = 1.0 / np.maximum(torques, 1e-12)
-    given = sum(v * levels[:, 0] ** int(n[-1]) for n, v in values.items() if re.fullmatch(r"torque_\d", n))
-    powers = np.array(sorted(int(n[-1]) for n in wanted))
+    known = [(path.number, values[n]) for n, path in paths(values, CHAMBER) if path.stem == "torque" and not path.owner]
+    given = sum(v * levels[:, 0] ** k for k, v in known)
+    powers = np.array(sorted(path_of(n).number for n in wanted))
     basis = levels[:, :1] ** powers
     solution = np.linalg.lstsq(basis * weight[:, None], (torques - given) * weight, rcond=None)[0]
     return {f"torque_{k}": float(v) for k, v in zip(powers, solution, strict=True)}
@@ -155,7 +157,8 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
     found |= {f"{e.name}.{name}": getattr(e, f) for e in model.extensions for name, f in ALWAYS.items()}
     strain, force = max([grown(e) for e in experiments], default=0.0), found["axial_stiffness"]
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
-        law = {int(n[-1]): v for n, v in torques.items() if n.removeprefix(start).removesuffix(n[-1]) == "torque_"}
+        law = {path.number: torques[n] for n, path in paths(torques, CHAMBER)
+               if path.stem == "torque" and path.owner == start.removesuffix(".")}  # fmt: skip
         seen = [t for e in experiments if (t := e.driving(chamber.name))]
         level = max([t.peak for t in seen], key=abs, default=0.0)
         torque = sum(v * level**k for k, v in law.items()) or float(chamber.torque_at(level))

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Unpack
+from typing import Annotated, Any
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.model import KEYWORD_DEFAULTS, Model
-from pliant.model.parameters import ChainValues
+from pliant.model.model import FURTHER, KEYWORD_DEFAULTS, Model
+from pliant.model.quantity import Quantity
 from pliant.options import full_signature
 
 
 def chain_model(
-    *, length: float, mass: float, links: int = 5, joint_placement: str = "base", **parameters: Unpack[ChainValues],
+    *, length: Annotated[float, Quantity("m", "length of the body that bends", fitted=False)],
+    mass: Annotated[float, Quantity("kg", "mass of all links together, without the tip mass", lower=1e-9)],
+    links: int = 5, joint_placement: str = "base", **parameters: Any,
 ) -> Model:
     """Return the model of a uniform actuator of `length` [m] and `mass` [kg], divided into `links` rigid links.
 
@@ -57,4 +59,4 @@ def chain_model(
     return Model(link_length=link_length, link_mass=link_mass, **parameters)
 
 
-chain_model.__signature__ = full_signature(chain_model, ChainValues, KEYWORD_DEFAULTS)  # type: ignore[attr-defined]
+chain_model.__signature__ = full_signature(chain_model, FURTHER, KEYWORD_DEFAULTS)  # type: ignore[attr-defined]

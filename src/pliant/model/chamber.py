@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, TypedDict
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -14,33 +14,13 @@ from pliant.equations import chamber, laws, symbols
 from pliant.errors import InputError
 from pliant.model.checks import check_numbers, numbers, one_number
 from pliant.model.limits import MOST_TERMS
+from pliant.model.quantity import Quantity, declaring, quantities, scalars
 from pliant.model.valve import Valve
 
 Array = np.ndarray
-RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time", "inflation_jm")
-ARRAYS = ("torque", "joint_gain", "cross_gain", "axial_gain")
-POSITIVE = ("swell_time", "inflation_time")
-NOT_NEGATIVE = ("swell_share", "inflation_limit", "inflation_jm")
 
 
-class ChamberValues(TypedDict, total=False):
-    """Type of the keyword arguments of `Model` that describe its single chamber. `Chamber` takes them under the same
-    names.
-    """
-
-    torque: Any
-    joint_gain: Any
-    valve: Valve
-    swell_share: float
-    swell_time: float
-    inflation_limit: float
-    inflation_time: float
-    inflation_jm: float
-    axial_gain: Any
-    cross_gain: Any
-    law: str
-
-
+@declaring
 @dataclass(frozen=True, eq=False)
 class Chamber:
     """A pressure chamber: the torque on the joints as a function of its gauge pressure, and the lag of this pressure.
@@ -92,34 +72,51 @@ class Chamber:
 
     kind: ClassVar[str] = "pressure"  # as recordings name the kinds of their inputs
     unit: ClassVar[str] = "Pa"
-    arrays: ClassVar[tuple[str, ...]] = ARRAYS
-    torque: Array
-    joint_gain: Array = field(default_factory=lambda: np.ones(1))
+    torque: Annotated[Array, Quantity(
+        "N m/Pa^k", "coefficient of pressure^k in the torque law", per="power", most=1e3, source="tau of Eq. (5)")]
+    joint_gain: Annotated[Array, Quantity(
+        "1", "factor on the torque law at every joint", per="joint", most=1e6, scale=0.3, alike=False,
+        formerly=("gain",))] = field(default_factory=lambda: np.ones(1))
     valve: Valve = field(default_factory=Valve)
-    swell_share: float = 0.0
-    swell_time: float = 1.0
-    inflation_limit: float = 0.0
-    inflation_time: float = 0.1
-    inflation_jm: float = 0.0
-    axial_gain: Array = field(default_factory=lambda: np.zeros(1))
-    cross_gain: Array = field(default_factory=lambda: np.zeros(1))
+    swell_share: Annotated[float, Quantity(
+        "1", "fraction of the torque law's growth with pressure that lags", sign="not negative", most=1e3,
+        lower=0.0, upper=1.0, scale=0.1, start=0.3)] = 0.0
+    swell_time: Annotated[float, Quantity(
+        "s", "time constant of the lagging fraction swell_share of the torque", sign="positive", least=1e-6, most=1e9,
+        lower=1e-3, upper=1e4, start=1.0)] = 1.0
+    inflation_limit: Annotated[float, Quantity(
+        "Pa", "pressure at which the chamber's wall expands without limit", sign="not negative", least=1.0, most=1e12,
+        zero=True, lower=1e3, upper=1e9)] = 0.0
+    inflation_time: Annotated[float, Quantity(
+        "s", "time constant of the wall's expansion at low pressure", sign="positive", least=1e-6, most=1e9,
+        lower=1e-4, upper=1e3, start=0.05)] = 0.1
+    inflation_jm: Annotated[float, Quantity(
+        "1", "J_m of Gent's law, which bounds the stretch of the wall", sign="not negative", least=0.1, most=1e9,
+        zero=True, lower=1.0, upper=1e4, start=50.0)] = 0.0
+    axial_gain: Annotated[Array, Quantity(
+        "1/m", "axial force of a chamber over its torque; 1 / offset by geometry", per="segment", most=1e6,
+        lower=-1e5, upper=1e5)] = field(default_factory=lambda: np.zeros(1))
+    cross_gain: Annotated[Array, Quantity(
+        "1", "factor on the torque law about y, in space, at every joint", per="joint", most=1e6, scale=0.3,
+        alike=False)] = field(default_factory=lambda: np.zeros(1))
     name: str = "chamber"
     law: str = laws.POLYNOMIAL
 
     def __post_init__(self) -> None:
-        for name in self.arrays:
-            a = numbers(name, getattr(self, name))
-            a.setflags(write=False)
-            object.__setattr__(self, name, a)
-        for name in (*POSITIVE, *NOT_NEGATIVE):
-            object.__setattr__(self, name, one_number(name, getattr(self, name)))
+        for name, quantity in quantities(type(self)).items():
+            if quantity.per:
+                a = numbers(name, getattr(self, name))
+                a.setflags(write=False)
+                object.__setattr__(self, name, a)
+            else:
+                object.__setattr__(self, name, one_number(name, getattr(self, name)))
         check_chamber(self)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Chamber):
             return NotImplemented
-        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) if f.name in self.arrays
-                   else getattr(self, f.name) == getattr(other, f.name) for f in fields(self))  # fmt: skip
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return all(np.array_equal(a, b) if isinstance(a, Array) else a == b for a, b in pairs)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -311,6 +308,7 @@ def remembering(values: Mapping[str, Array]) -> Array:
 
 
 FIELDS = tuple(f.name for f in fields(Chamber) if f.name != "name")  # keyword arguments of a single chamber
+RUBBER = scalars(Chamber)
 
 
 def check_chamber(made: Chamber) -> None:
@@ -320,7 +318,7 @@ def check_chamber(made: Chamber) -> None:
         raise InputError(f"{of} swell_share must be at most 1, because it is a fraction, got {made.swell_share}")
     check_law(made, of)
     plain = made.law == laws.POLYNOMIAL and made.kind == Chamber.kind  # a tendon's law follows from its own numbers
-    check_numbers(made, of, POSITIVE, NOT_NEGATIVE, ARRAYS if plain else ARRAYS[1:])
+    check_numbers(made, of, [name for name in quantities(Chamber) if plain or name != "torque"])
     if not made.torque.size:
         raise InputError(f"{of} torque must have at least one coefficient [N m/Pa], such as area times lever arm")
     if made.torque.size > MOST_TERMS:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import inf
 from typing import Any
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.limits import LIMITS, check_limit
+from pliant.model.quantity import quantities
 
 Array = np.ndarray
 
@@ -43,24 +43,20 @@ def one_number(name: str, value: Any) -> float:
     return float(a[0])
 
 
-def check_numbers(
-    of: Any, what: str, positive: Sequence[str], not_negative: Sequence[str], free: Sequence[str],
-) -> None:
-    """Raise InputError if a named attribute of the object `of` is not finite, has the wrong sign or exceeds its
-    physical limit.
-
-    `what` begins the message. `positive`, `not_negative` and `free` are names of attributes; those in `free` may have
-    any sign.
+def check_numbers(of: Any, what: str, names: Iterable[str]) -> None:
+    """Raise InputError if one of the declared parameters `names` of the record `of` is not finite, has the wrong sign
+    or exceeds its physical limit. `what` begins the message.
     """
-    for name in (*positive, *not_negative, *free):
-        value = getattr(of, name)
+    declared = quantities(type(of))
+    for name in names:
+        value, quantity = getattr(of, name), declared[name]
         least, most = (value.min(initial=inf), value.max(initial=-inf)) if isinstance(value, Array) else (value, value)
         if not (-inf < least and most < inf):  # False for NaN
             raise InputError(f"{what} {name} must be finite, got {value}")
-        if least <= 0 and name in positive:
+        if least <= 0 and quantity.sign == "positive":
             raise InputError(f"{what} {name} must be positive, got {value}")
-        if least < 0 and name in not_negative:
+        if least < 0 and quantity.sign == "not negative":
             raise InputError(f"{what} {name} must not be negative, got {value}")
-        if least < LIMITS[name].least or max(most, -least) > LIMITS[name].most:
-            check_limit(what, name, least)
-            check_limit(what, name, most)
+        if least < quantity.least or max(most, -least) > quantity.most:
+            quantity.check_limit(what, name, least)
+            quantity.check_limit(what, name, most)

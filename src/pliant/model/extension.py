@@ -4,19 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS, in_words
 from pliant.errors import InputError
 from pliant.model.checks import one_number
-from pliant.model.limits import check_limit
+from pliant.model.quantity import Quantity, declaring, quantities
 
 Array = np.ndarray
 CURVES = (*SPRING_TERMS, SPRING_BOUND)  # fields that make an axial spring soften or stiffen, as those of a joint
 
 
+def axial_term(name: str) -> Quantity:
+    """Return the declaration of the nonlinear term `name` of an axial spring."""
+    term = SPRING_TERMS[name]
+    lower, upper, scale = term.axial
+    meaning = f"{term.letter} of axial springs {in_words(law='EA e')} of the strain e"
+    return Quantity("1", meaning, most=term.most, lower=lower, upper=upper, scale=scale, start=0.0)
+
+
+@declaring
 @dataclass(frozen=True)
 class Extension:
     """An extensible segment of the actuator, with one uniform axial strain.
@@ -53,31 +62,33 @@ class Extension:
     40.0
     """
 
-    stiffness: float
-    damping: float = 0.0
-    start: float = 0.0
-    stop: float | None = None
+    stiffness: Annotated[float, Quantity(
+        "N", "EA of an extensible segment, force per strain", sign="positive", least=1e-9, most=1e12, lower=1e-6)]
+    damping: Annotated[float, Quantity(
+        "N s", "force per strain rate of an extensible segment", sign="not negative", most=1e12, lower=0.0)] = 0.0
+    start: Annotated[float, Quantity(
+        "m", "start of the segment along the body, from the base", sign="not negative", fitted=False)] = 0.0
+    stop: Annotated[float | None, Quantity(
+        "m", "end of the segment along the body; default: the tip", sign="not negative", fitted=False)] = None
     name: str = "body"
-    stiffening: float | None = None
-    cubic_stiffening: float | None = None
-    stiffening_bound: float | None = None
+    stiffening: Annotated[float | None, axial_term("stiffening")] = None
+    cubic_stiffening: Annotated[float | None, axial_term("cubic_stiffening")] = None
+    stiffening_bound: Annotated[float | None, Quantity(
+        "1", "f of them: what s does to the slope at most, in parts of EA", least=1e-3, most=1.0,
+        zero=True, lower=1e-3, upper=0.99, scale=0.2, start=0.75)] = None
     stiffens_bending: bool = False
 
     def __post_init__(self) -> None:
-        for field in ("stiffness", "damping", "start", *(() if self.stop is None else ("stop",))):
+        for field, quantity in quantities(Extension).items():
+            if getattr(self, field) is None:
+                continue
             value = one_number(f"extension {self.name!r}: {field}", getattr(self, field))
             object.__setattr__(self, field, value)
-            if not np.isfinite(value) or value < 0 or (value == 0 and field == "stiffness"):
-                sign = "positive" if field == "stiffness" else "not negative"
-                raise InputError(f"extension {self.name!r}: {field} must be finite and {sign}, got {value}")
-        check_limit(f"extension {self.name!r}:", "axial_stiffness", self.stiffness)
-        check_limit(f"extension {self.name!r}:", "axial_damping", self.damping)
-        for field in (name for name in CURVES if getattr(self, name) is not None):
-            value = one_number(f"extension {self.name!r}: {field}", getattr(self, field))
-            object.__setattr__(self, field, value)
-            if not np.isfinite(value):
-                raise InputError(f"extension {self.name!r}: {field} must be finite, got {value}")
-            check_limit(f"extension {self.name!r}:", field, value)
+            wrong = {"positive": value <= 0, "not negative": value < 0, "any": False}
+            if not np.isfinite(value) or wrong[quantity.sign]:
+                sign = "" if quantity.sign == "any" else f" and {quantity.sign}"
+                raise InputError(f"extension {self.name!r}: {field} must be finite{sign}, got {value}")
+            quantity.check_limit(f"extension {self.name!r}:", field, value)
         if not 0 <= (self.stiffening_bound or 0.0) < 1:
             raise InputError(
                 f"extension {self.name!r}: {SPRING_BOUND} must be from 0 to below 1, got {self.stiffening_bound}"

@@ -4,94 +4,53 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Collection
 from dataclasses import fields
 from hashlib import sha256
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_origin, get_type_hints
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, create_model, field_validator
+from pydantic import Field, ValidationError, create_model, field_validator
 
-from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError, explain_validation, shown
 from pliant.file_kinds import MODEL, refuse_other
 from pliant.files import content_of, write_text
 from pliant.model.chamber import Chamber
-from pliant.model.extension import CURVES, Extension
+from pliant.model.extension import Extension
 from pliant.model.memory import Memory
 from pliant.model.model import Model
+from pliant.model.parameters import MassAt, ModelParameters
+from pliant.model.quantity import quantities
 from pliant.model.space import Space
 from pliant.model.station import Station
-from pliant.model.tendon import Tendon
+from pliant.model.tables import Table, TableLayout, fields_of
+from pliant.model.tendon import DrivenBy, Tendon
 from pliant.model.valve import Valve
 
 SCHEMA: Literal["pliant-model"] = "pliant-model"
 SCHEMA_VERSION: Literal[1] = 1
-UNITS = {
-    "link_length": "m", "rest_angle": "rad", "link_mass": "kg", "stiffness": "N m/rad", "damping": "N m s/rad",
-    "torque": "N m/Pa^k", "tip_mass": "kg", "base_length": "m", "base_angle": "rad", "gravity": "m/s^2",
-    "valve": "s, Hz", "valve rates": "Pa/s", "dead_band": "Pa",
-    "stations": "m", "space": "rad, 1, m", "tendons": "m, N/m, N", "memory": "1, s, rad, 1/rad^n", "swell_time": "s",
-    "inflation_limit": "Pa", "inflation_time": "s", "inflation_jm": "1", "axial_gain": "1/m",
-    "extensions": "N, N s, m", **{name: term.unit for name, term in SPRING_TERMS.items()},
-    SPRING_BOUND: "1",
+TABLES = {"valve": Valve, "memory": Memory, "extensions": Extension, "space": Space, "stations": Station,
+          "chambers": Chamber, "tendons": Tendon}  # fmt: skip
+UNITS = {name: q.unit for name, q in {**quantities(Chamber), **quantities(ModelParameters)}.items()} | {
+    f"{table}.{name}": q.unit for table, part in TABLES.items() for name, q in quantities(part).items()
+    if table != "chambers" and (part is not Tendon or name not in quantities(Chamber))
 }
+INNER_UNITS = {f".{name.rpartition('.')[2]}={unit}" for name, unit in UNITS.items() if "." in name}
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of an entry of a model file, or those of all parameters in a table, as in "s, Hz"."""
+    inner = (unit for known, unit in UNITS.items() if known.startswith(f"{name}."))
+    return UNITS.get(name) or ", ".join(dict.fromkeys(inner))
+
+
+CHAMBER_ALONE = {f.name for f in fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}  # and no tendon
 MIRRORED = (  # D4
     "bend_sign is not an entry of a model file: models are in the base frame, where positive angles bend towards -x. "
     "Remove bend_sign and checksum. If bend_sign was -1, also change the sign of the x component of gravity, and give "
     "shapes and targets in the base frame"
 )
-
-
-class Table(BaseModel):
-    """A table of a model file."""
-
-    model_config = ConfigDict(extra="forbid", protected_namespaces=())
-
-
-T = TypeVar("T", bound=Table)
-GIVEN: Any = ...  # default value of a field that a file must state
-
-
-def fields_of(
-    described: Any, needed: tuple[str, ...] = (), without: Collection[str] = (), **kinds: Any
-) -> Callable[[type[T]], type[T]]:
-    """Return a decorator that gives a table the fields of the class which it describes, with their default values.
-
-    Parameters
-    ----------
-    described : dataclass or named tuple
-    needed : tuple of str
-        Fields that a file must state although the class has a default value. They come first.
-    without : collection of str
-        Fields that the table lacks.
-    **kinds
-        Types of fields in the file, where they are not those of the class.
-    """
-    hints = get_type_hints(described)
-    defaults = {**dict.fromkeys(needed), **defaults_of(described), **dict.fromkeys(needed, GIVEN)}
-
-    def entry(name: str, default: Any) -> tuple[Any, Any]:
-        if dataclasses.is_dataclass(default):
-            default = kinds[name]()
-        elif isinstance(default, np.ndarray | tuple):
-            default = np.array(default).tolist()
-        rows = hints[name] is np.ndarray or get_origin(hints[name]) is tuple
-        return kinds.get(name, list[float] if rows else hints[name]), default
-
-    entries: dict[str, Any] = {name: entry(name, value) for name, value in defaults.items() if name not in without}
-    return lambda table: create_model(table.__name__, __base__=table, __doc__=table.__doc__, **entries)
-
-
-def defaults_of(described: Any) -> dict[str, Any]:
-    """Return the default values of the fields of a dataclass or named tuple by name; `GIVEN` for those without one."""
-    if not dataclasses.is_dataclass(described):
-        return {name: described._field_defaults.get(name, GIVEN) for name in described._fields}
-    absent = dataclasses.MISSING
-    made = {f.name: f.default if f.default_factory is absent else f.default_factory() for f in fields(described)}
-    return {name: GIVEN if value is absent else value for name, value in made.items()}
 
 
 @fields_of(Station)
@@ -109,28 +68,22 @@ class ValveEntry(Table):
     """Table of the valve parameters in a model file."""
 
 
-@fields_of(Chamber, needed=("name", "torque", "joint_gain"), valve=ValveEntry)
+@fields_of(Chamber, TableLayout(("name", "torque", "joint_gain")), valve=ValveEntry)
 class ChamberEntry(Table):
     """Table of one pressure chamber in a model file that has several inputs."""
 
 
 @fields_of(
-    Tendon, needed=("driven_by", "name", "joint_gain", "cross_gain", "lever"), valve=ValveEntry,
-    without={f.name for f in fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"},
-    driven_by=Literal["tension", "displacement", "angle"],
-)  # fmt: skip
+    Tendon, TableLayout(("driven_by", "name", "joint_gain", "cross_gain", "lever"), CHAMBER_ALONE), valve=ValveEntry,
+    driven_by=DrivenBy,
+)
 class TendonEntry(Table):
     """Table of one tendon in a model file."""
 
 
-@fields_of(Extension, needed=("name",))
+@fields_of(Extension, TableLayout(("name",)))
 class ExtensionEntry(Table):
     """Table of one extensible segment in a model file."""
-
-
-@fields_of(Extension, without={f.name for f in fields(Extension)} - {*CURVES})
-class AxialCurve(Table):
-    """Entries of the nonlinear terms of an axial spring, for tables of other files."""
 
 
 @fields_of(Memory)
@@ -138,27 +91,16 @@ class MemoryEntry(Table):
     """Table of the hysteresis parameters of joints and segments in a model file."""
 
 
+@fields_of(
+    ModelParameters, TableLayout(("link_length", "rest_angle", "link_mass", "stiffness", "damping"), ("chambers",)),
+    mass_at=MassAt, memory=MemoryEntry, extensions=list[ExtensionEntry], space=SpaceEntry | None,
+    stations=list[StationEntry],
+)
 class _Chain(Table):
     schema_name: Literal["pliant-model"] = SCHEMA
     schema_version: Literal[1] = SCHEMA_VERSION
-    units: dict[str, str] = UNITS
-    name: str = "model"
-    link_length: list[float]
-    rest_angle: list[float]
-    link_mass: list[float]
-    stiffness: list[float]
-    damping: list[float]
-    mass_at: Literal["rod", "tip"] = "rod"
-    tip_mass: float = 0.0
-    base_length: float = 0.0
-    base_angle: float = 0.0
-    gravity: list[float] = [0.0, 0.0]
-    memory: MemoryEntry = MemoryEntry()
-    extensions: list[ExtensionEntry] = []
-    space: SpaceEntry | None = None
+    units: dict[str, str] = Field(default={})
     chambers: list[ChamberEntry | TendonEntry] | None = None
-    stations: list[StationEntry] = []
-    source: dict[str, str] = {}
     checksum: str = ""
 
     @field_validator("units")
@@ -167,26 +109,36 @@ class _Chain(Table):
         """Check that the units stated in a model file are those of its schema, because all numbers are read in these
         units.
         """
-        wrong = {name: unit for name, unit in units.items() if UNITS.get(name) != unit}
+        wrong = {name: unit for name, unit in units.items() if not is_unit(name, unit)}
         if wrong:
             raise ValueError(f"must be those of the schema, {UNITS}; these differ: {shown(wrong, 200)}")
         return units
 
 
-SPRINGS: dict[str, Any] = dict.fromkeys(CURVES, (list[float], [0.0]))  # nonlinear terms of the joints
+def is_unit(name: str, stated: str) -> bool:
+    """Return whether the unit that a model file states is that of the parameter `name`. For the name of a table, or a
+    phrase that begins with it, the file may list units that the parameters of this table have, such as "s, Hz".
+    """
+    part = TABLES.get(name.partition(" ")[0])
+    if part and "." not in name:
+        return set(stated.split(", ")) <= {q.unit for q in quantities(part).values()}
+    return stated == UNITS.get(name) if name in UNITS else f".{name}={stated}" in INNER_UNITS
+
+
 SINGLE: dict[str, Any] = {  # entries of a model with one chamber, in place of `chambers`
-    name: (field.annotation | None, None)
+    name: (field.annotation | None, Field(
+        None, description=field.description, json_schema_extra=field.json_schema_extra))
     for name, field in ChamberEntry.model_fields.items() if name != "name" and field.annotation
 }  # fmt: skip
 ModelFile = create_model(
     "ModelFile", __base__=_Chain, __doc__="All entries of a model file, with their types and default values.",
-    **SPRINGS, **SINGLE,
+    **SINGLE,
 )  # fmt: skip
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:
     """Return the entries of a model file for `model` as a dict of plain values."""
-    content: dict[str, Any] = {"schema_name": SCHEMA, "schema_version": SCHEMA_VERSION, "units": UNITS}
+    content: dict[str, Any] = {"schema_name": SCHEMA, "schema_version": SCHEMA_VERSION, "units": {}}
     content |= plain(model)
     chambers = [input_entries(c) for c in model.chambers]
     if len(chambers) == 1 and model.chambers[0].name == Chamber.name:
@@ -201,7 +153,24 @@ def model_to_dict(model: Model) -> dict[str, Any]:
         content["space"] = plain(model.space)
     else:
         del content["space"]
+    content["units"] = units_in(content)
     return content
+
+
+def units_in(content: dict[str, Any]) -> dict[str, str]:
+    """Return the units of all parameters in the entries of a model file, by name, with the table's name and a dot in
+    front for those in tables.
+    """
+    names: set[str] = set()
+    tables: list[tuple[str, Any]] = [("", content)]
+    while tables:
+        table, entries = tables.pop()
+        names |= {*entries} if table in ("", "chambers") else {f"{table}.{name}" for name in entries}
+        if "driven_by" in entries:
+            names |= {f"tendons.{name}" for name in entries}
+        for name, value in entries.items():
+            tables += [(name, row) for row in (value if isinstance(value, list) else [value]) if isinstance(row, dict)]
+    return {name: unit for name, unit in UNITS.items() if name in names}
 
 
 def input_entries(law: Chamber) -> dict[str, Any]:
@@ -210,8 +179,7 @@ def input_entries(law: Chamber) -> dict[str, Any]:
     """
     entries = plain(law) | {"valve": dataclasses.asdict(law.valve)}
     if isinstance(law, Tendon):
-        chamber = {field.name for field in fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}
-        return {name: value for name, value in entries.items() if name not in chamber}
+        return {name: value for name, value in entries.items() if name not in CHAMBER_ALONE}
     return entries
 
 

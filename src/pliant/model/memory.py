@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import NamedTuple, cast
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple, cast
 
 import numpy as np
 
 from pliant.equations import symbols
 from pliant.errors import InputError
-from pliant.model.limits import MOST_TERMS, check_limit
+from pliant.model.limits import MOST_TERMS
+from pliant.model.quantity import Quantity, declaring, fields_per, quantities
 
 PER_DECADE = 2  # branches of a springpot
 SLIP_PER_DECADE = 3  # slip elements of Payne's curve
-PAIRS = (("creep_share", "creep_time"), ("slip_share", "slip_angle"),
-         ("axial_creep_share", "axial_creep_time"), ("axial_slip_share", "axial_slip_strain"))  # fmt: skip
 
 
+@declaring
 @dataclass(frozen=True)
 class Memory:
     """Hysteresis of joints and extensible segments: creep, friction and (at joints only) Bouc-Wen branches in parallel
@@ -49,37 +49,58 @@ class Memory:
         energy. It needs ``beta >= |gamma|``, ``beta + gamma > 0`` and an exponent of at least 1.
     """
 
-    creep_share: tuple[float, ...] = ()
-    creep_time: tuple[float, ...] = ()
-    slip_share: tuple[float, ...] = ()
-    slip_angle: tuple[float, ...] = ()
-    boucwen_share: float = 0.0
-    boucwen_beta: float = 50.0
-    boucwen_gamma: float = 50.0
-    boucwen_exponent: float = 1.0
-    axial_creep_share: tuple[float, ...] = ()
-    axial_creep_time: tuple[float, ...] = ()
-    axial_slip_share: tuple[float, ...] = ()
-    axial_slip_strain: tuple[float, ...] = ()
+    creep_share: Annotated[tuple[float, ...], Quantity(
+        "1", "stiffness of a creep branch over each joint's", per="branch", sign="not negative", most=1e6,
+        lower=0.0, upper=50.0, scale=0.1, start=0.1)] = ()
+    creep_time: Annotated[tuple[float, ...], Quantity(
+        "s", "relaxation time of a creep branch", per="branch", sign="positive", least=1e-6, most=1e12,
+        lower=1e-3, upper=1e4, start=0.3, growth=8.0)] = ()
+    slip_share: Annotated[tuple[float, ...], Quantity(
+        "1", "stiffness of a slip element over each joint's", per="branch", sign="not negative", most=1e6,
+        lower=0.0, upper=50.0, scale=0.1, start=0.1)] = ()
+    slip_angle: Annotated[tuple[float, ...], Quantity(
+        "rad", "joint rotation at which a slip element slips", per="branch", sign="positive", least=1e-9, most=1e3,
+        lower=1e-6, upper=10.0, start=0.01, growth=3.0)] = ()
+    boucwen_share: Annotated[float, Quantity(
+        "1", "stiffness of the Bouc-Wen branch over each joint's", sign="not negative", most=1e6,
+        lower=1e-9, upper=50.0, scale=0.1, start=0.1)] = 0.0
+    boucwen_beta: Annotated[float, Quantity(
+        "1/rad^n", "Bouc-Wen beta", sign="not negative", most=1e9, lower=1e-6, upper=1e8, start=20.0)] = 50.0
+    boucwen_gamma: Annotated[float, Quantity(
+        "1/rad^n", "Bouc-Wen gamma, at most beta in size", most=1e9, lower=-1e8, upper=1e8, scale=10.0,
+        start=10.0)] = 50.0
+    boucwen_exponent: Annotated[float, Quantity(
+        "1", "Bouc-Wen exponent n", sign="positive", least=1.0, most=50.0, lower=1.0, upper=10.0, scale=1.0,
+        start=1.5)] = 1.0
+    axial_creep_share: Annotated[tuple[float, ...], Quantity(
+        "1", "stiffness of an axial creep branch over EA", per="branch", sign="not negative", most=1e6,
+        lower=0.0, upper=50.0, scale=0.1, start=0.1)] = ()
+    axial_creep_time: Annotated[tuple[float, ...], Quantity(
+        "s", "relaxation time of an axial creep branch", per="branch", sign="positive", least=1e-6, most=1e12,
+        lower=1e-3, upper=1e4, start=0.3, growth=8.0)] = ()
+    axial_slip_share: Annotated[tuple[float, ...], Quantity(
+        "1", "stiffness of an axial slip element over EA", per="branch", sign="not negative", most=1e6,
+        lower=0.0, upper=50.0, scale=0.1, start=0.1)] = ()
+    axial_slip_strain: Annotated[tuple[float, ...], Quantity(
+        "1", "strain at which an axial slip element slips", per="branch", sign="positive", least=1e-9, most=1e3,
+        lower=1e-6, upper=10.0, start=0.003, growth=3.0)] = ()
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            row = field.type.startswith("tuple")
-            object.__setattr__(self, field.name, checked(field.name, value, row))
-        if (most := max(len(getattr(self, shares)) for shares, _ in PAIRS)) > MOST_TERMS:
+        declared = quantities(Memory)
+        for name in declared:
+            object.__setattr__(self, name, checked(name, getattr(self, name)))
+        if (most := max(len(getattr(self, name)) for name in fields_per(Memory, "branch"))) > MOST_TERMS:
             raise InputError(
                 f"memory (hysteresis) has at most {MOST_TERMS} branches of a kind, got {most}: use fewer creep or slip "
                 "branches"
             )
-        for shares, others in PAIRS:
-            row, other = getattr(self, shares), getattr(self, others)
-            if len(row) != len(other):
-                raise InputError(
-                    f"memory {shares} and {others} must have the same length, got {len(row)} and {len(other)} numbers"
-                )
-            if min(other, default=1.0) == 0:
-                raise InputError(f"memory {others} must be positive, got {other}")
+        for first, *further in branches().values():
+            for other in further:
+                sizes = len(getattr(self, first)), len(getattr(self, other))
+                if sizes[0] != sizes[1]:
+                    raise InputError(
+                        f"memory {first} and {other} must have the same length, got {sizes[0]} and {sizes[1]} numbers"
+                    )
         beta, gamma = self.boucwen_beta, self.boucwen_gamma
         if not (beta >= abs(gamma) and beta + gamma > 0):
             raise InputError(
@@ -88,10 +109,9 @@ class Memory:
             )
         if self.boucwen_exponent < 1:
             raise InputError(f"memory boucwen_exponent must be at least 1, got {self.boucwen_exponent}")
-        for field in fields(self):
-            value = getattr(self, field.name)
-            for number in value if isinstance(value, tuple) else (value,):
-                check_limit("memory", field.name, number)
+        for name, quantity in declared.items():
+            for number in np.atleast_1d(getattr(self, name)):
+                quantity.check_limit("memory", name, number)
 
     def __bool__(self) -> bool:
         """Return whether there is any branch."""
@@ -133,6 +153,15 @@ class Memory:
         return cast("symbols.MemoryLaw", symbols.AxialMemoryLaw(*joints, *self.axial.law()[:4]))
 
 
+def branches() -> dict[str, tuple[str, ...]]:
+    """Return the fields of each kind of branches by its name, such as {"creep": ("creep_share", "creep_time")}."""
+    kinds: dict[str, tuple[str, ...]] = {}
+    for name in fields_per(Memory, "branch"):
+        kind = name.rpartition("_")[0]
+        kinds[kind] = (*kinds.get(kind, ()), name)
+    return kinds
+
+
 class Springpot(NamedTuple):
     """Prony branches that approximate a springpot, as `creep_share` and `creep_time` for `Memory`, and the stiffness of
     a spring to be added to that of the joint.
@@ -143,7 +172,16 @@ class Springpot(NamedTuple):
     spring: float  # stiffness over the joint's K
 
 
-def springpot(share: float, order: float, low: float, high: float) -> Springpot:
+def springpot(
+    share: Annotated[float, Quantity("1", "stiffness of the springpot at 1 rad/s over each joint's",
+                                     lower=0.0, upper=10.0, scale=0.02, start=0.05)],
+    order: Annotated[float, Quantity("1", "order of the springpot: 0 a spring, 1 a dashpot",
+                                     lower=0.02, upper=0.9, scale=0.1, start=0.25)],
+    low: Annotated[float, Quantity("Hz", "lowest frequency at which the springpot holds, never free",
+                                   lower=1e-6, upper=1e6)],
+    high: Annotated[float, Quantity("Hz", "highest frequency at which the springpot holds, never free",
+                                    lower=1e-6, upper=1e6)],
+) -> Springpot:
     """Return Prony branches that approximate a springpot of stiffness ``share (i w / 1 rad/s)^order`` between two
     frequencies [Hz].
 
@@ -199,7 +237,18 @@ class Payne(NamedTuple):
     spring: float  # stiffness over the joint's K
 
 
-def payne(share: float, angle: float, exponent: float, low: float, high: float) -> Payne:
+def payne(
+    share: Annotated[float, Quantity("1", "extra stiffness of small oscillations over each joint's stiffness",
+                                     lower=0.0, upper=1e4, scale=0.5, start=3.0)],
+    angle: Annotated[float, Quantity("rad", "oscillation amplitude of a joint that halves the extra stiffness",
+                                     lower=1e-6, upper=10.0, start=0.02)],
+    exponent: Annotated[float, Quantity("1", "Kraus' m: how steeply the stiffness falls with amplitude, at most 0.5",
+                                        lower=0.05, upper=0.5, scale=0.1, start=0.4)],
+    low: Annotated[float, Quantity("rad", "smallest amplitude at which Payne's curve holds, never free",
+                                   lower=1e-6, upper=10.0)],
+    high: Annotated[float, Quantity("rad", "largest amplitude at which Payne's curve holds, never free",
+                                    lower=1e-6, upper=10.0)],
+) -> Payne:
     """Return slip elements whose stiffness falls with the amplitude A as in Payne's curve, ``share / (1 + (A /
     angle)^(2 exponent))``.
 
@@ -236,7 +285,7 @@ def payne(share: float, angle: float, exponent: float, low: float, high: float) 
             f"got share {share}, angle {angle}, exponent {exponent} and {low} to {high} rad"
         )
     for size in (angle, low, high):
-        check_limit("Payne's curve", "slip_angle", size)
+        quantities(Memory)["slip_angle"].check_limit("Payne's curve", "slip_angle", size)
     count = int(np.ceil(SLIP_PER_DECADE * np.log10(high / low) - 1e-9))
     if count + 1 > MOST_TERMS:
         raise InputError(
@@ -253,18 +302,20 @@ def payne(share: float, angle: float, exponent: float, low: float, high: float) 
     return Payne(tuple(map(float, share * parts)), tuple(map(float, angles)), float(spring))
 
 
-def checked(name: str, value: float | Sequence[float], row: bool) -> float | tuple[float, ...]:
-    """Return a hysteresis parameter as a number (`row` False) or a tuple of numbers; raise InputError unless finite and
-    not negative.
-
-    Only boucwen_gamma may be negative.
+def checked(name: str, value: float | Sequence[float]) -> float | tuple[float, ...]:
+    """Return a hysteresis parameter as a number or, for branches, a tuple of numbers; raise InputError unless it is
+    finite and has the declared sign.
     """
+    quantity = quantities(Memory)[name]
+    row = quantity.per == "branch"
     try:
         a = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"memory {name} must be numbers, got {value!r:.80}") from None
     if a.ndim > row:
         raise InputError(f"memory {name} must be {'a row of numbers' if row else 'one number'}, got {value!r:.80}")
-    if not np.isfinite(a).all() or (name != "boucwen_gamma" and np.any(a < 0)):
+    if not np.isfinite(a).all() or (quantity.sign != "any" and np.any(a < 0)):
         raise InputError(f"memory {name} must be finite and not negative, got {value!r:.80}")
+    if row and quantity.sign == "positive" and np.any(a == 0):
+        raise InputError(f"memory {name} must be positive, got {value!r:.80}")
     return tuple(float(v) for v in np.atleast_1d(a)) if row else float(a)

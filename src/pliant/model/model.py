@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from functools import cached_property
 from inspect import signature
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 
 from pliant.display import Card
-from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError
 from pliant.model.actuation import Actuation, chambers_of
 from pliant.model.chamber import FIELDS, Chamber
@@ -18,9 +17,9 @@ from pliant.model.checks import numbers, one_number
 from pliant.model.extensible import joints_inside
 from pliant.model.extension import extensions_of
 from pliant.model.limits import MOST_LINKS
-from pliant.model.memory import Memory
-from pliant.model.parameters import ChainValues, ModelParameters
+from pliant.model.parameters import ModelParameters
 from pliant.model.physical import check_physical
+from pliant.model.quantity import fields_per, quantities, scalars
 from pliant.model.space import space_of
 from pliant.model.station import stations_of
 from pliant.model.summary import model_card
@@ -28,22 +27,12 @@ from pliant.model.valve import Valve
 from pliant.options import full_signature
 
 Array = np.ndarray
-PER_LINK = ("link_length", "link_mass", "stiffness", "damping", "rest_angle", *SPRING_TERMS, SPRING_BOUND)
-ARRAYS = (*PER_LINK, "gravity")
-SCALARS = ("tip_mass", "base_length", "base_angle")
-
-
-class Values(ChainValues, total=False):
-    """Type of all keyword arguments of `Model`."""
-
-    link_length: Any
-    link_mass: Any
-
-
+PER_LINK = fields_per(ModelParameters, "joint")
+SCALARS = scalars(ModelParameters)
+ARRAYS = tuple(name for name in quantities(ModelParameters) if name not in SCALARS)
 DEFAULTS: dict[str, Any] = {
-    "rest_angle": 0.0, **dict.fromkeys((*SPRING_TERMS, SPRING_BOUND), 0.0), "mass_at": "rod", "tip_mass": 0.0,
-    "base_length": 0.0, "base_angle": 0.0, "gravity": 0.0, "memory": Memory(), "extensions": (),
-    "space": None, "stations": (), "name": "model", "source": {},
+    f.name: f.default if f.default_factory is MISSING else f.default_factory() for f in fields(ModelParameters)
+    if f.default is not MISSING or f.default_factory is not MISSING
 }
 
 
@@ -96,7 +85,7 @@ class Model(ModelParameters):
         When a parameter is missing, not finite or not physical.
     """
 
-    def __init__(self, **given: Unpack[Values]) -> None:
+    def __init__(self, **given: Any) -> None:
         names = {f.name for f in fields(self)}
         if unknown := sorted(set(given) - names - set(FIELDS)):
             raise TypeError(f"Model has no parameter {unknown[0]!r}: it takes {', '.join((*sorted(names), *FIELDS))}")
@@ -211,7 +200,10 @@ class Model(ModelParameters):
 
 ONE_CHAMBER = signature(Chamber).parameters
 KEYWORD_DEFAULTS = {**{name: ONE_CHAMBER[name].default for name in FIELDS}, "torque": None, **DEFAULTS, "chambers": ()}
-Model.__signature__ = full_signature(Model, Values, KEYWORD_DEFAULTS)  # type: ignore[attr-defined]
+FURTHER = (*FIELDS, *(f.name for f in fields(ModelParameters) if f.name not in ("link_length", "link_mass")))
+Model.__signature__ = full_signature(  # type: ignore[attr-defined]
+    Model, ("link_length", "link_mass", *FURTHER), KEYWORD_DEFAULTS,
+)
 
 
 def each_link(name: str, a: Array, n: int) -> Array:

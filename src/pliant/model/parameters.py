@@ -2,72 +2,75 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from pliant.display import Shown
-from pliant.model.chamber import Chamber, ChamberValues
+from pliant.equations.spring_terms import SPRING_TERMS, in_words
+from pliant.model.chamber import Chamber
 from pliant.model.extension import Extension, shares
 from pliant.model.memory import Memory
+from pliant.model.quantity import Quantity
 from pliant.model.space import Space
 from pliant.model.station import Station
 
 Array = np.ndarray
+MassAt = Literal["rod", "tip"]
+NONE: Any = 0.0  # for each joint
 
 
-class ChainValues(ChamberValues, total=False):
-    """Type of the keyword arguments of `Model`, without the lengths and masses of the links.
-
-    Those of `Chamber` are for a model with a single chamber.
-    """
-
-    stiffness: Any
-    damping: Any
-    chambers: tuple[Chamber, ...]
-    rest_angle: Any
-    stiffening: Any
-    cubic_stiffening: Any
-    stiffening_bound: Any
-    mass_at: str
-    tip_mass: float
-    base_length: float
-    base_angle: float
-    gravity: Any
-    memory: Memory
-    extensions: tuple[Extension, ...]
-    space: Space | None
-    stations: Any
-    name: str
-    source: dict[str, str]
+def spring_term(name: str) -> Quantity:
+    """Return the declaration of the nonlinear term `name` of a joint's spring."""
+    term = SPRING_TERMS[name]
+    lower, upper, scale = term.fit
+    meaning = f"{term.letter} of springs {in_words()}, of every joint"
+    return Quantity(term.unit, meaning, per="joint", most=term.most, lower=lower, upper=upper, scale=scale, start=0.0)
 
 
 @dataclass(frozen=True, repr=False, init=False, eq=False)
 class ModelParameters(Shown):
     """The parameters of a `Model` and the lengths, masses and counts derived from them, without checks."""
 
-    link_length: Array
-    link_mass: Array
-    stiffness: Array
-    damping: Array
+    link_length: Annotated[Array, Quantity(
+        "m", "length of each link", per="joint", sign="positive", least=1e-6, most=1e3, fitted=False)]
+    link_mass: Annotated[Array, Quantity(
+        "kg", "mass of each link", per="joint", sign="not negative", least=1e-12, most=1e5, zero=True, fitted=False)]
+    stiffness: Annotated[Array, Quantity(
+        "N m/rad", "stiffness of every joint", per="joint", sign="positive", least=1e-12, most=1e9, lower=1e-9,
+        source="K of Eq. (5)")]
+    damping: Annotated[Array, Quantity(
+        "N m s/rad", "damping of every joint", per="joint", sign="not negative", most=1e9, lower=0.0,
+        source="D of Eq. (5)")]
     chambers: tuple[Chamber, ...]
-    rest_angle: Array
-    stiffening: Array
-    cubic_stiffening: Array
-    stiffening_bound: Array
-    mass_at: str
-    tip_mass: float
-    base_length: float
-    base_angle: float
-    gravity: Array
-    memory: Memory
-    extensions: tuple[Extension, ...]
-    space: Space | None
-    stations: tuple[Station, ...]
-    name: str
-    source: dict[str, str]
+    rest_angle: Annotated[Array, Quantity(
+        "rad", "rest angle of every joint", per="joint", most=1e3, lower=-3.2, upper=3.2, scale=0.05,
+        source="theta_i0 of Eq. (1)")] = NONE
+    stiffening: Annotated[Array, spring_term("stiffening")] = NONE
+    cubic_stiffening: Annotated[Array, spring_term("cubic_stiffening")] = NONE
+    stiffening_bound: Annotated[Array, Quantity(
+        "1", "f of the same springs: what s does to their slope at most, in parts of K", per="joint",
+        sign="not negative", least=1e-3, most=1.0, zero=True, lower=1e-3, upper=0.99, scale=0.2,
+        start=0.75)] = NONE
+    mass_at: str = "rod"
+    tip_mass: Annotated[float, Quantity(
+        "kg", "cap or load at the last tip", sign="not negative", most=1e5, lower=0.0, scale=5e-3,
+        guess=0.0)] = 0.0
+    base_length: Annotated[float, Quantity(
+        "m", "length of the rigid part before the first joint", sign="not negative", most=1e3,
+        fitted=False)] = 0.0
+    base_angle: Annotated[float, Quantity(
+        "rad", "angle of the base tangent from +y", most=1e3, lower=-1.0, upper=1.0, scale=0.05, guess=0.0)] = 0.0
+    gravity: Annotated[Array, Quantity(
+        "m/s^2", "gravity in the base frame", per="vector", most=1e4, fitted=False)] = NONE
+    memory: Memory = field(default_factory=Memory)
+    extensions: tuple[Extension, ...] = ()
+    space: Space | None = None
+    stations: tuple[Station, ...] = ()
+    name: str = "model"
+    source: dict[str, str] = field(default_factory=dict)
 
     @property
     def n(self) -> int:

@@ -5,33 +5,30 @@ from __future__ import annotations
 from collections.abc import Collection
 from math import inf, isfinite
 
-from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.errors import InputError
 from pliant.model.checks import check_names, check_numbers
 from pliant.model.extensible import check_extensions
-from pliant.model.limits import LIMITS, MOST_STATIONS, check_limit
+from pliant.model.limits import MOST_STATIONS
 from pliant.model.parameters import ModelParameters
+from pliant.model.quantity import quantities
 from pliant.model.space import check_space
+from pliant.model.station import Station
 
-LIGHTEST = LIMITS["link_mass"].least
-POSITIVE = ("link_length", "stiffness")
-NOT_NEGATIVE = ("link_mass", "damping", "tip_mass", "base_length", "stiffening_bound")
-OF_ANY_SIGN = ("rest_angle", *SPRING_TERMS, "gravity", "base_angle")
+LINK_MASS = quantities(ModelParameters)["link_mass"]
 
 
 def check_physical(model: ModelParameters, given: Collection[str]) -> None:
     """Raise InputError if one of the `given` parameters of a model is not finite or not physical."""
-    kinds = ([name for name in kind if name in given] for kind in (POSITIVE, NOT_NEGATIVE, OF_ANY_SIGN))
-    check_numbers(model, "model", *kinds)
+    check_numbers(model, "model", [name for name in quantities(ModelParameters) if name in given])
     if "link_mass" in given:
         for mass in set(model.link_mass.tolist()):
-            check_limit("model", "link_mass", mass)
+            LINK_MASS.check_limit("model", "link_mass", mass)
     if "stations" in given:
         check_stations(model)
     choices = (  # messages are formatted only where a check fails
         (model.mass_at in ("rod", "tip"), "mass_at must be 'rod' or 'tip', got {0.mass_at!r}"),
         (model.stiffening_bound.max(initial=0.0) < 1, "stiffening_bound must be below 1, got {0.stiffening_bound}"),
-        (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass >= LIGHTEST,
+        (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass >= LINK_MASS.least,
          "link_mass must be positive for every link, got {0.link_mass}"),
     )
     for good, sentence in choices:
@@ -52,8 +49,8 @@ def check_stations(model: ModelParameters) -> None:
             raise InputError(
                 f"model station {station.name!r} must sit on a link 0..{model.n - 1} or the base (-1), got {station}"
             )
-        for name, size in zip(("along", "across", "aside"), station[2:], strict=True):
-            check_limit("model", f"station {name}", size)
+        for name, quantity in quantities(Station).items():
+            quantity.check_limit("model", f"station {name}", getattr(station, name))
         if station.aside and model.space is None:
             raise InputError(
                 f"model station {station.name!r} lies out of the bending plane (aside = {station.aside:g} m): set "

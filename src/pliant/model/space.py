@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from math import pi
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.model.chamber import Chamber
 from pliant.model.checks import one_number
+from pliant.model.quantity import Quantity, declaring, quantities, scalars
 
 Array = np.ndarray
-MOST_RATIO = 1e4
-MOST_RADIUS = 1e2  # m
 LEAST_AXIAL = 1e-12  # of the mass times the square of the length; below, rounding hides the inertia about the axis
-SCALARS = ("stiffness_ratio", "twist_ratio", "radius")
 
 
+@declaring
 @dataclass(frozen=True, eq=False)
 class Space:
     """Parameters that make a model a chain in space, whose joints bend in two directions and may twist. SI units.
@@ -50,25 +49,34 @@ class Space:
         When a number is not finite or not physical.
     """
 
-    stiffness_ratio: float = 1.0
-    twist_ratio: float = 0.0
-    rest_turn: Array = field(default_factory=lambda: np.zeros((1, 3)))
-    base_tilt: Array = field(default_factory=lambda: np.zeros(3))
-    radius: float = 0.0
+    stiffness_ratio: Annotated[float, Quantity(
+        "1", "bending stiffness about y over that about x, in space", sign="positive", most=1e4,
+        lower=1e-2, upper=1e2, scale=0.1)] = 1.0
+    twist_ratio: Annotated[float, Quantity(
+        "1", "torsional over bending stiffness, in space", sign="not negative", most=1e4,
+        lower=1e-3, upper=1e2, scale=0.1)] = 0.0
+    rest_turn: Annotated[Array, Quantity(
+        "rad", "rest turn of one joint about an axis of its link, in space", per="axis and joint",
+        lower=-3.1, upper=3.1, scale=0.05)] = field(default_factory=lambda: np.zeros((1, 3)))
+    base_tilt: Annotated[Array, Quantity(
+        "rad", "rotation of the base about an axis of the base frame, in space", per="axis",
+        lower=-3.2, upper=3.2, scale=0.05)] = field(default_factory=lambda: np.zeros(3))
+    radius: Annotated[float, Quantity(
+        "m", "radius of the cross-section, for its rotary inertia", sign="not negative", most=1e2,
+        fitted=False)] = 0.0
 
     def __post_init__(self) -> None:
-        for name in SCALARS:
+        for name in scalars(Space):
             object.__setattr__(self, name, one_number(f"space {name}", getattr(self, name)))
         if np.size(self.base_tilt) == 2:
             object.__setattr__(self, "base_tilt", [*self.base_tilt, 0.0])
         for name, shape in (("rest_turn", (-1, 3)), ("base_tilt", (3,))):
             object.__setattr__(self, name, rows_of(name, getattr(self, name), shape))
-        if not 0 < self.stiffness_ratio < MOST_RATIO:
-            raise InputError(f"space: stiffness_ratio must be 0 to {MOST_RATIO:g}, got {self.stiffness_ratio}")
-        if not 0 <= self.twist_ratio < MOST_RATIO:
-            raise InputError(f"space twist_ratio must be 0 to {MOST_RATIO:g}, got {self.twist_ratio}")
-        if not 0 <= self.radius < MOST_RADIUS:
-            raise InputError(f"space radius must be 0 to {MOST_RADIUS:g} m, got {self.radius}")
+        for name in scalars(Space):
+            quantity, value = quantities(Space)[name], getattr(self, name)
+            if not 0 <= value < quantity.most or (value == 0 and quantity.sign == "positive"):
+                unit = "" if quantity.unit == "1" else f" {quantity.unit}"
+                raise InputError(f"space {name} must be 0 to {quantity.most:g}{unit}, got {value}")
         if self.twist_ratio and not self.radius:
             raise InputError(
                 "space: a chain that twists needs a radius [m], because a thin rod has no inertia about its axis: set "

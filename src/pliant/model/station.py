@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from pliant.errors import InputError
+from pliant.model.quantity import Quantity
 
 
 class Station(NamedTuple):
@@ -31,9 +32,12 @@ class Station(NamedTuple):
 
     name: str
     link: int  # index of the link that carries it, 0 the first; -1: the clamped base
-    along: float  # m, from the link's joint along the link (on the base: from the origin along the tangent)
-    across: float = 0.0  # m, to the left of the link, towards positive bending
-    aside: float = 0.0  # m, out of the plane, in space
+    along: Annotated[float, Quantity(  # on the base: from the origin along the tangent
+        "m", "position of a station along its link", most=1e3, scale=2e-3)]
+    across: Annotated[float, Quantity(  # to the left of the link, towards positive bending
+        "m", "position of a station across its link", most=1e3, scale=2e-3)] = 0.0
+    aside: Annotated[float, Quantity(
+        "m", "position of a station out of the plane, in space", most=1e3, scale=2e-3)] = 0.0
 
 
 def station_of(entry: Any) -> Station:

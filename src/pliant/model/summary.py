@@ -6,7 +6,7 @@ import numpy as np
 
 from pliant.display import Card
 from pliant.drawing import body_svg
-from pliant.equations.spring_terms import SPRING_TERMS
+from pliant.equations.spring_terms import SPRING_TERMS, in_words
 from pliant.model.extension import Extension
 from pliant.model.parameters import ModelParameters
 from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
@@ -82,14 +82,3 @@ def sentences(model: ModelParameters) -> list[str]:
     if model.stations:
         said.append(f"observed: {', '.join(s.name for s in model.stations)}")
     return said
-
-
-def in_words(count: int = len(SPRING_TERMS), law: str = "K q") -> str:
-    """Return the spring law with its first `count` terms as text: ``K q (1 + s q + a q^2)``.
-
-    `law` is the linear law, whose last word is the symbol of the angle or strain.
-    """
-    symbol = law.rsplit(maxsplit=1)[-1]
-    letters = [term.letter for term in SPRING_TERMS.values()][:count]
-    powers = [f"{letter} {symbol}" + (f"^{k}" if k > 1 else "") for k, letter in enumerate(letters, 1)]
-    return f"{law} ({' + '.join(['1', *powers])})"

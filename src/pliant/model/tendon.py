@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.chamber import ARRAYS, Chamber
+from pliant.model.chamber import Chamber
 from pliant.model.checks import check_numbers, numbers, one_number
+from pliant.model.quantity import Quantity, declaring, quantities
 
 Array = np.ndarray
-DRIVEN = {"tension": "N", "displacement": "m", "angle": "rad"}  # kinds of recorded inputs, and their units
-NUMBERS = ("lever", "taper", "line_stiffness", "pretension", "pulley", "friction", "slip_rate", "imbalance")
+DrivenBy = Literal["tension", "displacement", "angle"]
+DRIVEN: dict[str, str] = {"tension": "N", "displacement": "m", "angle": "rad"}  # of inputs
 
 
+@declaring
 @dataclass(frozen=True, eq=False)
 class Tendon(Chamber):
     """One tendon along a chain in space, or a pair of opposite tendons on one motor. SI units.
@@ -63,29 +65,41 @@ class Tendon(Chamber):
         When a parameter is missing, not finite or not physical.
     """
 
-    arrays: ClassVar[tuple[str, ...]] = (*ARRAYS, "at")
-    torque: Array = ()  # type: ignore[assignment]  # follows from the other parameters
+    torque: Annotated[Array, quantities(Chamber)["torque"]] = ()  # type: ignore[assignment]  # follows from the others
     name: str = "tendon"
     driven_by: str = "tension"
-    lever: float = 0.0
-    line_stiffness: float = 0.0
-    pretension: float = 0.0
-    pulley: float = 0.0
+    lever: Annotated[float, Quantity(
+        "m", "distance of a tendon's path from the axis, at the base", sign="positive", most=1e2,
+        lower=1e-6, scale=2e-3)] = 0.0
+    line_stiffness: Annotated[float, Quantity(
+        "N/m", "stiffness of a tendon with its motor and mounts", sign="not negative", most=1e9, lower=1e-6)] = 0.0
+    pretension: Annotated[float, Quantity(
+        "N", "tension of a tendon at rest; below 0 it hangs slack", most=1e6, scale=1.0)] = 0.0
+    pulley: Annotated[float, Quantity(
+        "m", "radius of a motor's pulley", sign="not negative", most=1e2, lower=1e-6)] = 0.0
     pair: bool = False
-    friction: float = 0.0
-    slip_rate: float = 1e-3
-    imbalance: float = 0.0
-    taper: float = 0.0
-    at: Array = field(default_factory=lambda: np.zeros(1))
+    friction: Annotated[float, Quantity(
+        "1", "coefficient of friction along a tendon", sign="not negative", most=1e2,
+        lower=0.0, upper=5.0, scale=0.1)] = 0.0
+    slip_rate: Annotated[float, Quantity(
+        "m/s", "rate of slip over which friction changes its direction", sign="positive", least=1e-9, most=1e3,
+        fitted=False)] = 1e-3
+    imbalance: Annotated[float, Quantity(
+        "N", "pretension of a pair's first tendon less that of its second", most=1e6, scale=1.0)] = 0.0
+    taper: Annotated[float, Quantity(
+        "1", "decrease of a tendon's distance from the axis per length", most=10.0, scale=5e-3)] = 0.0
+    at: Annotated[Array, Quantity(
+        "m", "position of each joint along the body, for the taper", per="joint", sign="not negative",
+        fitted=False)] = field(default_factory=lambda: np.zeros(1))
 
     def __post_init__(self) -> None:
         who = f"tendon {self.name!r}:"
         if self.driven_by not in DRIVEN:
             raise InputError(f"{who} driven_by must be {', '.join(DRIVEN)}, got {self.driven_by!r:.40}")
-        for name in NUMBERS:
+        own = [name for name in quantities(Tendon) if name not in quantities(Chamber) and name != "at"]
+        for name in own:
             object.__setattr__(self, name, one_number(name, getattr(self, name)))
-        check_numbers(self, who, ("lever", "slip_rate"), ("line_stiffness", "pulley", "friction"),
-                      ("pretension", "imbalance", "taper"))  # fmt: skip
+        check_numbers(self, who, own)
         at = numbers("at", self.at)
         if at.size not in (1, np.size(self.joint_gain)) or not (np.isfinite(at).all() and (at >= 0).all()):
             raise InputError(f"{who} at must be positions [m] along the body, one for each joint, got {at.tolist()}")
@@ -133,6 +147,14 @@ class Tendon(Chamber):
         In this case `torque` is the force per unit of the input.
         """
         return self.driven_by != "tension"
+
+    def uses(self, field: str) -> bool:
+        """Return whether a field of the tendon has an effect, as it is driven: a pulley for instance only by an
+        angle.
+        """
+        if field in ("line_stiffness", "pretension", "imbalance", "pulley") and not self.elastic:
+            return False
+        return (field != "pulley" or self.driven_by == "angle") and (field != "imbalance" or self.pair)
 
     def distance(self) -> Array:
         """Return the distance (1,) or (n,) [m] of the path from the axis at each joint, or one that holds for all."""

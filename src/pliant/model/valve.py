@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import isfinite
+from typing import Annotated
 
 from pliant.errors import InputError
-from pliant.model.limits import check_limit
+from pliant.model.quantity import Quantity, declaring, quantities
 
 
+@declaring
 @dataclass(frozen=True)
 class Valve:
     """A valve between commanded and actual pressure: dead time, then no lag, a first-order lag or a second-order lag.
@@ -42,31 +44,53 @@ class Valve:
         When a value is negative or not finite, or parameters of both first and second order are given.
     """
 
-    rise_time: float = 0.0
-    fall_time: float = 0.0
-    dead_time: float = 0.0
-    natural_frequency: float = 0.0
-    damping_ratio: float = 0.7
-    rise_rate: float = 0.0
-    fall_rate: float = 0.0
-    settle_share: float = 0.0
-    settle_time: float = 1.0
-    dead_band: float = 0.0
-    opening_time: float = 0.0
+    rise_time: Annotated[float, Quantity(
+        "s", "valve time constant, pressure rising", sign="not negative", least=1e-30, most=1e6, zero=True,
+        lower=0.0, upper=30.0, scale=0.02, guess=0.02, formerly=("valve_rise",))] = 0.0
+    fall_time: Annotated[float, Quantity(
+        "s", "valve time constant, pressure falling", sign="not negative", least=1e-30, most=1e6, zero=True,
+        lower=0.0, upper=30.0, scale=0.02, guess=0.02, formerly=("valve_fall",))] = 0.0
+    dead_time: Annotated[float, Quantity(
+        "s", "valve dead time", sign="not negative", most=1e6, lower=0.0, upper=5.0, scale=0.01,
+        guess=0.005)] = 0.0
+    natural_frequency: Annotated[float, Quantity(
+        "Hz", "natural frequency of a valve of second order", sign="not negative", least=1e-6, most=1e6, zero=True,
+        fitted=False)] = 0.0
+    damping_ratio: Annotated[float, Quantity(
+        "1", "damping ratio of a valve of second order", sign="not negative", most=1e4, fitted=False)] = 0.7
+    rise_rate: Annotated[float, Quantity(
+        "Pa/s", "fastest rise of the pressure", sign="not negative", least=1e-3, most=1e15, zero=True,
+        lower=1e3, upper=1e9, start=3e5)] = 0.0
+    fall_rate: Annotated[float, Quantity(
+        "Pa/s", "fastest fall of the pressure", sign="not negative", least=1e-3, most=1e15, zero=True,
+        lower=1e3, upper=1e9, start=3e5)] = 0.0
+    settle_share: Annotated[float, Quantity(
+        "1", "fraction of the pressure that settles late", sign="not negative", most=1.0,
+        lower=0.0, upper=0.9, scale=0.1, start=0.1)] = 0.0
+    settle_time: Annotated[float, Quantity(
+        "s", "time constant of the late settling of the pressure", sign="positive", least=1e-6, most=1e6,
+        lower=0.2, upper=1e3, start=2.0)] = 1.0
+    dead_band: Annotated[float, Quantity(
+        "Pa", "difference between command and pressure that a regulator leaves", sign="not negative", most=1e7,
+        lower=0.0, upper=1e6, scale=1e3, start=1e3)] = 0.0
+    opening_time: Annotated[float, Quantity(
+        "s", "time that choked flow would take to fill the chamber", sign="not negative", least=1e-6, most=1e6,
+        zero=True, lower=1e-3, upper=30.0, start=0.1, source="ISO 6358-1:2013")] = 0.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        declared = quantities(Valve)
+        for name, quantity in declared.items():
+            value = getattr(self, name)
             if not isfinite(value) or value < 0:
-                raise InputError(f"valve {field.name} must be finite and not negative, got {value}")
-            if field.name not in ("settle_share", "settle_time"):
-                check_limit("valve", field.name, value)
+                raise InputError(f"valve {name} must be finite and not negative, got {value}")
+            if name not in ("settle_share", "settle_time"):
+                quantity.check_limit("valve", name, value)
         if self.settle_share > 1 or not self.settle_time > 0:
             raise InputError(
                 f"valve settle_share must be at most 1 and settle_time positive, got {self.settle_share} and "
                 f"{self.settle_time}"
             )
-        check_limit("valve", "settle_time", self.settle_time)
+        declared["settle_time"].check_limit("valve", "settle_time", self.settle_time)
         first = self.rise_time or self.fall_time or self.rise_rate or self.fall_rate
         if self.natural_frequency and first:
             raise InputError("a valve has rise_time and fall_time, or natural_frequency: set only one of the two kinds")

@@ -189,9 +189,9 @@ def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
             yield from torque_laws(start, chamber, highest_level(driven))
     if all(e.poses for e in driven):
         return
-    slow = [start for start, c in zip(prefixes(model), model.chambers, strict=True) if has_effect("valve_rise", c)]
+    slow = [start for start, c in zip(prefixes(model), model.chambers, strict=True) if has_effect("valve_rise_time", c)]
     for start in dict.fromkeys(["", *slow] if slow else []):  # a common lag, and one of each chamber
-        names = [f"{start}valve_rise", f"{start}valve_fall"]
+        names = [f"{start}valve_rise_time", f"{start}valve_fall_time"]
         yield term("lag", start, [Parameter(n, 0.02) for n in names], dict.fromkeys(names, 0.0))
     if slow:
         if any(p.excitation == "pulse" for p in driven):

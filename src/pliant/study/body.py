@@ -15,12 +15,15 @@ import numpy as np
 from pliant import actuators
 from pliant.errors import InputError
 from pliant.identification import Experiment
-from pliant.model import Chamber, Extension, Model, Station, Tendon, chain_model
+from pliant.model import Chamber, Extension, Memory, Model, Station, Tendon, Valve, chain_model
+from pliant.model.chamber import FIELDS
 from pliant.reduction import LinkPlacement
-from pliant.study.schema import ActuatorEntry, ChamberTable, StationTable, Study, TaperTable, TendonTable
+from pliant.study.body_tables import ActuatorEntry, ChamberTable, StationTable, TaperTable, TendonTable
+from pliant.study.schema import Study
 
 Array = np.ndarray
 TURNED = "turned by pi about the base tangent: its x is minus that of the recordings"
+PARTS: dict[str, Any] = {"memory": Memory, "valve": Valve}  # tables of [actuator]: records of the model
 SLICES = 200  # of each segment, for the integrals along it
 LEAST_DRAWN = 1e-6  # of the inputs' largest singular value: below it, two tendons were always pulled together
 
@@ -60,6 +63,7 @@ def study_model(
     chambers = [ChamberTable(**c) for c in values.pop("chambers")]
     tendons = [TendonTable(**c) for c in values.pop("tendons")]
     values["extensions"] = tuple(Extension(**e) for e in values.pop("extensions"))
+    values |= {name: part(**values[name]) for name, part in PARTS.items() if isinstance(values.get(name), dict)}
     if actuator.taper:
         values |= tapered(actuator, values["extensions"])
     missing = [k for k in ("length", "mass") if k not in values]
@@ -70,7 +74,7 @@ def study_model(
     values.setdefault("stiffness", 1.0)
     values.setdefault("damping", 1e-3)
     if chambers or tendons:
-        for name in ("torque", "joint_gain", "valve"):
+        for name in FIELDS:
             values.pop(name, None)  # of the preset's single chamber
         joints = values.setdefault("links", 5) if links is None else links.n
         drawn = tuple(tendon_of(entry, joints, values["length"]) for entry in tendons)
@@ -89,20 +93,20 @@ def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool 
     chambers = []
     for entry in entries:
         turned = joints_of(entry, joints)
-        if isinstance(entry.gain, list) and len(entry.gain) != len(turned):
+        if isinstance(entry.joint_gain, list) and len(entry.joint_gain) != len(turned):
             raise InputError(
-                f"chamber {entry.name}: gain must be one number or one for each of its {len(turned)} joints, got "
-                f"{len(entry.gain)}"
+                f"chamber {entry.name}: joint_gain must be one number or one for each of its {len(turned)} joints, got "
+                f"{len(entry.joint_gain)}"
             )
         gain = np.zeros(joints)
-        gain[np.array(turned) - 1] = entry.gain
+        gain[np.array(turned) - 1] = entry.joint_gain
         if entry.azimuth_deg is not None and not space:
             raise InputError(f"chamber {entry.name}: azimuth_deg needs a body in space: set space = true in [actuator]")
         azimuth = np.radians(90.0 if entry.azimuth_deg is None else entry.azimuth_deg)
         turns = {"joint_gain": np.sin(azimuth) * gain, "cross_gain": -np.cos(azimuth) * gain} if space else {
             "joint_gain": gain}  # fmt: skip
-        axial_gain = np.atleast_1d(entry.axial_gain)
-        chambers.append(Chamber(torque=np.array(entry.torque), axial_gain=axial_gain, name=entry.name, **turns))
+        values = entry.model_dump(exclude={"joints", "azimuth_deg", "joint_gain"})
+        chambers.append(Chamber(**{**values, **turns, "valve": Valve(**values["valve"])}))
     return tuple(chambers)
 
 
@@ -131,6 +135,7 @@ def tendon_of(entry: TendonTable, joints: int, length: float) -> Tendon:
             f"joint that it bends (at {last:.3g} m): correct lever, taper or stop"
         )
     values = entry.model_dump(exclude={"joints", "azimuth_deg", "stop"}) | {"at": at}
+    values["valve"] = Valve(**values["valve"])
     if entry.driven_by == "tension":
         values["line_stiffness"] = 0.0
     return Tendon.at_azimuth(np.radians(entry.azimuth_deg), passed, **values)

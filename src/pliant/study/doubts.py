@@ -14,7 +14,7 @@ from pliant.preprocessing.plausibility import CHECKS, UNITS, Case, doubts
 from pliant.preprocessing.plausibility.together import beside
 from pliant.study.aligned import Aligned
 from pliant.study.body import preset
-from pliant.study.schema import ActuatorEntry
+from pliant.study.body_tables import ActuatorEntry
 
 OF_RECORDINGS = {c.name for c in CHECKS if c.subject == "recording"}
 

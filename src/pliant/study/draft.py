@@ -424,9 +424,9 @@ def free_parameters(trials: Sequence[Trial], held: str | None) -> list[tuple[str
         free += [("sensor_lag", "s, time constant of the angle's sensor") if first.angles_only else
                  ("start", "s, offset of the pressure's clock from that of the shape")]
     if kinds & {"pulse", "step"}:
-        free += [("valve_rise", "s, time constant of the pressure when it rises")]
+        free += [("valve_rise_time", "s, time constant of the pressure when it rises")]
     if "pulse" in kinds:
-        free += [("valve_fall", "s, time constant of the pressure when it falls")]
+        free += [("valve_fall_time", "s, time constant of the pressure when it falls")]
     if spatial_study(trials) and kinds != {"release"}:
         free += [("gain_y", "ratio of the torque about y to the torque about x")]
     return free + place_parameters(trials, kinds)

@@ -45,7 +45,7 @@ def chambers_in_plane(out: Lines, trials: Sequence[Trial]) -> None:
         out.item("actuator.chambers", name)
         if trial.aligned is None or trial.angles_only:
             out.say("joints = [1, 2]  (the joints that it bends; default: all)",
-                    "gain = -1.0  (for a chamber on the other side)")
+                    "joint_gain = -1.0  (for a chamber on the other side)")
             continue
         side, begin, end = chamber_span(trial.aligned, name)
         evidence, part = f"as the stations of {trial.path.name} move", f"from {1e3 * begin:.0f} to {1e3 * end:.0f} mm"
@@ -55,7 +55,7 @@ def chambers_in_plane(out: Lines, trials: Sequence[Trial]) -> None:
         elif len(passed) < LINKS:
             out.put("joints", passed, f"the joints that it bends: the body bends {part}, {evidence}")
         if side < 0:
-            out.put("gain", -1.0, f"it bends the body to the other side, {evidence}")
+            out.put("joint_gain", -1.0, f"it bends the body to the other side, {evidence}")
 
 
 def chambers(out: Lines, trial: Trial) -> None:

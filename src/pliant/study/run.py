@@ -25,6 +25,7 @@ from pliant.selection import ModelSelection
 from pliant.study.aligned import Aligned
 from pliant.study.baselines import with_baselines
 from pliant.study.body import study_model, with_azimuths
+from pliant.study.body_tables import ActuatorEntry
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import model_warnings, recording_warnings, unit_warning_first
 from pliant.study.fits import run_model_selection, selection_fit
@@ -39,7 +40,7 @@ from pliant.study.prepare import (
     without,
     without_motion,
 )
-from pliant.study.schema import ActuatorEntry, Study
+from pliant.study.schema import Study
 from pliant.study.verdict import headline, verdict
 from pliant.study.wiring import compare_wirings, wiring_warnings
 from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome, in_recorded_axes

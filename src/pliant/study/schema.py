@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
 from pliant.errors import InputError, explain_validation, inside
 from pliant.file_kinds import MAPPING, STUDY, SWEEP, kind_of_file, refuse_other
@@ -14,8 +14,9 @@ from pliant.files import read_entries
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.from_recording import Angles
-from pliant.model.file import AxialCurve
+from pliant.model.tables import Table
 from pliant.selection.terms import known_term
+from pliant.study.body_tables import ActuatorEntry
 from pliant.study.known_force import KnownForce, check_forces
 from pliant.study.shorthand import expanded, refuse_mapping, refuse_open
 from pliant.sweep.spec import Sweep
@@ -26,108 +27,8 @@ TermName = Annotated[str, AfterValidator(known_term)]
 Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard errors; 0: the sandwich formula
 
 
-class StudyEntry(BaseModel):
+class StudyEntry(Table, BaseModel):
     """A table of the study file, in which an unknown key is an error."""
-
-    model_config = ConfigDict(extra="forbid")
-
-
-class ChamberTable(StudyEntry):
-    """One of several chambers: the joints on which it acts, and its torque law."""
-
-    name: str = Field(min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
-    joints: list[int] | None = Field(default=None, min_length=1)  # numbered from 1; default: all
-    torque: list[float] = [0.0]  # N m/Pa^k
-    gain: float | list[float] = 1.0  # factor on the torque at those joints; below 0: bends to the other side
-    azimuth_deg: float | None = None  # in space: around the axis, from x of the base frame towards y
-    axial_gain: float | list[float] = 0.0  # 1/m, axial force per torque; by geometry 1 / offset from the axis
-
-
-class TendonTable(StudyEntry):
-    """One tendon of a body in space, or a pair of tendons on one motor; see `pliant.model.Tendon`."""
-
-    name: str = Field(min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
-    driven_by: Literal["tension", "displacement", "angle"]
-    joints: list[int] | None = Field(default=None, min_length=1)  # joints that it passes, numbered from 1; default: all
-    azimuth_deg: float | None = None  # around the axis, from x of the base frame to y; default: estimated from the tip
-    lever: float = Field(gt=0)  # m, distance from the axis; at the base if it changes
-    taper: float = 0.0  # decrease of the distance from the axis per length along it
-    stop: float | None = Field(default=None, gt=0)  # m from the base, where it ends; default: the last of its joints
-    line_stiffness: float = Field(1000.0, gt=0)  # N/m; unused if driven by tension
-    pretension: float = 0.0  # N; below 0: the tendon is slack at rest
-    imbalance: float = 0.0  # N, pretension of the first tendon of a pair less that of the second
-    pulley: float = Field(0.0, ge=0)  # m, radius; used if driven by an angle
-    pair: bool = False  # two opposite tendons on one motor
-    friction: float = Field(0.0, ge=0)  # coefficient along the path
-    slip_rate: float = Field(1e-3, gt=0)  # m/s, width of the smooth sign change of friction
-
-
-class ExtensionTable(StudyEntry, AxialCurve):
-    """A segment of the body that lengthens, between two positions along it; spring terms as in a model file."""
-
-    name: str = Field("body", min_length=1, pattern=r"^[^.]+$")  # its parameters are called name.parameter
-    start: float = 0.0  # m, from the base
-    stop: float | None = None  # m; default: the tip
-    stiffness: float = Field(1000.0, gt=0)  # N, axial force per strain
-    damping: float = Field(0.0, ge=0)  # N s
-    stiffening_bound: float | None = Field(None, ge=0, lt=1)  # f: what s does to the slope at most, in parts of EA
-    stiffens_bending: bool = False  # in space: the bending stiffness changes with the strain as the axial stiffness
-
-
-class TaperTable(StudyEntry):
-    """A solid round body whose radius changes along it, from which stiffness, mass and axial stiffness are computed."""
-
-    at: list[float] = Field(min_length=2)  # m from the base; the radius is linear between these positions
-    radius: list[float] = Field(min_length=2)  # m
-    modulus: float = Field(gt=0)  # Pa, of elasticity
-    density: float = Field(gt=0)  # kg/m^3
-
-
-class StationTable(StudyEntry):
-    """The position of an observed point, such as a marker, on the body. Without this table the position is computed
-    from the first frames.
-    """
-
-    name: str
-    at: float  # m along the body, from the base
-    along: float = 0.0  # m, added to at, along the link
-    across: float = 0.0  # m, to the left of the link
-    aside: float = 0.0  # m, out of the plane
-
-
-class SpaceTable(StudyEntry):
-    """Properties of a body that moves in space."""
-
-    stiffness_ratio: float = Field(1.0, gt=0)  # bending stiffness about y over that about x
-    twist_ratio: float = Field(0.0, ge=0)  # torsional over bending stiffness; 0: the chain does not twist
-    radius: float = Field(0.0, ge=0)  # m, of the cross-section: its inertia about the axis
-
-
-class ActuatorEntry(StudyEntry):
-    """The body, in SI units; entries take precedence over the preset, if one is named."""
-
-    preset: str | None = None  # a module of pliant.actuators
-    length: float | None = None  # m, of the part that bends
-    base_length: float | None = Field(None, ge=0)  # m, rigid part between the base and the part that bends
-    mass: float | None = None  # kg, without the tip mass
-    links: int | None = Field(None, ge=1, le=64)
-    joint_placement: Literal["base", "midsegment"] | None = None
-    mass_at: Literal["rod", "tip"] | None = None
-    tip_mass: float | None = None  # kg
-    stiffness: float | list[float] | None = None  # N m/rad
-    damping: float | list[float] | None = None  # N m s/rad
-    torque: list[float] | None = None  # N m/Pa^k, of a single chamber
-    chambers: list[ChamberTable] = []  # several chambers, instead of torque
-    tendons: list[TendonTable] = []  # tendons of a body in space, instead of chambers or with them
-    extensions: list[ExtensionTable] = []  # segments that lengthen
-    taper: TaperTable | None = None  # in place of mass and stiffness
-    stations: list[StationTable] = []  # observed points
-    rest_angle: float | list[float] | None = None  # rad
-    gravity: list[float] | None = None  # m/s^2, (x, y) in the same axes as force_n, or (x, y, z) of the tracker
-    space: bool | SpaceTable = False  # the body moves in space, not in a plane
-    section_area: float | None = Field(None, gt=0)  # m^2 of solid section, used to check a fitted mass
-    diameter: float | None = Field(None, gt=0)  # m, outer, used to check density, modulus and torque
-    source: dict[str, str] = {}
 
 
 class AlignmentEntry(StudyEntry):
@@ -389,8 +290,8 @@ def check_chambers(study: Study) -> None:
                          "state links in [actuator], in a separate study for each number")  # fmt: skip
     inputs = [c.name for c in study.actuator.chambers] + [t.name for t in study.actuator.tendons]
     names = inputs or ["chamber"]
-    if inputs and study.actuator.torque is not None:
-        raise InputError("state either torque in [actuator], for one chamber, or [[actuator.chambers]]")
+    if inputs and (single := study.actuator.single_chamber()):
+        raise InputError(f"state either {single[0]} in [actuator], for one chamber, or [[actuator.chambers]]")
     if study.actuator.tendons and not study.actuator.space:
         raise InputError("[[actuator.tendons]] needs a body in space: set space = true in [actuator]")
     driven: dict[str, Collection[str]] = {f"forecast {n}": f.pressures for n, f in study.forecasts.items()}
