@@ -135,12 +135,3 @@ def test_a_prior_keeps_its_mean_when_a_search_moves_the_start() -> None:
     assert p.with_(value=0.1).prior == 0.3
     assert Parameter("mass", prior_std=0.2).with_(value=0.1).prior == 0.1
     assert Parameter("mass", 0.3).prior is None
-
-
-def test_a_stage_of_a_model_selection_leaves_a_prior_where_it_was() -> None:
-    from pliant.identification.stage_fit import started
-
-    ended = {"mass": Parameter("mass", 0.07, prior=0.3, prior_std=0.2)}
-    assert started(Parameter("mass", 0.3, prior_std=0.2), ended).prior == 0.3
-    moved = started(Parameter("mass", prior_std=0.2), ended)
-    assert (moved.value, moved.prior) == (0.07, 0.3)

@@ -42,11 +42,19 @@ def test_pulse_of_the_paper_is_predicted_without_having_been_seen(demo):
 
 def test_each_simpler_fit_predicts_worse(demo):
     errors = [{r.name: r.metrics["rmse_mm"] for r in fit.records} for fit in demo[0].fits]
-    assert [fit.name for fit in demo[0].fits] == ["hysteresis", "softening", "linear"]
+    assert [fit.name for fit in demo[0].fits] == ["model_selection", "softening", "linear"]
     assert demo[0].fits[1].result.values["stiffening"] < -0.2
     for close, far in pairwise(errors):
         for name, error in close.items():
             assert error < 0.65 * far[name], name
+
+
+def test_the_demo_chooses_its_terms_from_the_training_pulses(demo):
+    chosen = demo[0].model_selection
+    assert {"softening", "joints", "slip"} <= set(chosen.terms)
+    assert set(chosen.steps[0].train) == {"pulse_60", "pulse_180"}
+    assert chosen.steps[-1].left_out_percent < 0.2 * chosen.steps[0].left_out_percent
+    assert demo[0].headline.state == "good"  # the demo states a target, so that its verdict is an answer
 
 
 def test_a_model_of_the_run_is_exported_by_the_name_of_its_fit(demo, tmp_path):

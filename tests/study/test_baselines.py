@@ -94,7 +94,7 @@ def two_pressures(folder: Path, *, apart: bool) -> dict[str, Any]:
         write_recording(folder / f"{name}.csv", np.column_stack([rows[:, :2], second, rows[:, 2:]]), header)
     content = changed("recordings", **{
         name: {"file": f"{name}.csv", "drive": {"near": "left", "far": "right"}} for name in LEVELS_KPA})
-    content["actuator"]["chambers"] = [{"name": "near"}, {"name": "far", "gain": -1.0}]
+    content["actuator"]["chambers"] = [{"name": "near"}, {"name": "far", "joint_gain": -1.0}]
     content["fits"]["linear"]["parameters"] = {"stiffness": {"value": 0.5, "free": False}, "damping": "free",
                                                "near.torque_1": "free"}
     return content

@@ -43,7 +43,7 @@ def common_name(name: str) -> str:
 
 
 def parents(fits: Mapping[str, Sequence[Parameter]], same: Callable[[str, str], bool]) -> dict[str, tuple[str, ...]]:
-    """Return for each fit the names of the largest fits that it contains.
+    """Return for each fit the names of the largest fits that it contains, of those that free a parameter.
 
     Parameters
     ----------
@@ -52,8 +52,9 @@ def parents(fits: Mapping[str, Sequence[Parameter]], same: Callable[[str, str], 
     same : callable
         Whether two fits have the same recordings, model and weights.
     """
+    begun = [name for name, parameters in fits.items() if any(p.free for p in parameters)]
     inside = {
-        name: [other for other in fits if other != name and same(name, other) and contains(fits[name], fits[other])]
+        name: [other for other in begun if other != name and same(name, other) and contains(fits[name], fits[other])]
         for name in fits
     }
     return {

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -92,12 +94,14 @@ class FittedModel:
         rows = self.problem.size * self.problem.all_known[0]
         return np.asarray(self.jacobian.T @ self.jacobian + rows.T @ rows)
 
-    @property
+    @cached_property
     def prior_weight(self) -> float:
         """Return the weight of priors that follows from the size of the residuals (see `Problem.learn_sizes`)."""
-        self.problem.learn_sizes(self.x)
-        return self.problem.size
+        problem = copy.copy(self.problem)
+        problem.learn_sizes(self.x)
+        return problem.size
 
+    @cached_property
     def standard_errors(self) -> dict[str, float | None]:
         """Return the standard error (SI) of each free parameter by name; None for one that is not determined."""
         matrix = covariance(self.problem, self.x)

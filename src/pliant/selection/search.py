@@ -118,7 +118,7 @@ def anchored(parent: FittedModel, setting: FitSetting) -> FittedModel:
     Stiffness, damping and torque then have a common scale that no recording of this body shows, and the other
     parameters are determined relative to the stiffness.
     """
-    error, value = parent.standard_errors().get("stiffness", 0.0), parent.values.get("stiffness", 0.0)
+    error, value = parent.standard_errors.get("stiffness", 0.0), parent.values.get("stiffness", 0.0)
     if error is not None and error <= DETERMINED * value:
         return parent
     why = f"held: the recordings show only {value:.3g}" + ("" if error is None else f" +- {error:.2g}")
@@ -397,7 +397,7 @@ def undetermined(fit: FittedModel, term: Term) -> dict[str, str]:
     The standard error is compared with the distance from the value without effect. Parameters of single joints, which
     shrink to their mean, and those with a prior rest on that.
     """
-    errors, values, vague = fit.standard_errors(), fit.values, {}
+    errors, values, vague = fit.standard_errors, fit.values, {}
     for name in (p.name for p in term.adds if p.name in errors and not p.shrink and not p.prior_std):
         error, value = errors[name], values[name]
         without_effect = term.null.get(name, 0.0)

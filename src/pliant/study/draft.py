@@ -394,18 +394,16 @@ def fit(out: Lines, trials: Sequence[Trial]) -> None:
 
 
 def selection(out: Lines, trials: Sequence[Trial]) -> None:
-    """Write a commented-out [model_selection] table, if a recording is held out and one pressure bends the body in a
-    plane.
-    """
+    """Write a commented-out [model_selection] table, if a recording is held out."""
     held = held_out(trials)
-    if not held or spatial_study(trials) or driven(trials) or {excitation(trial) for trial in trials} == {"release"}:
+    if not held:
         return
     train = ", ".join(f'"{trial.name}"' for trial in trials if trial.name != held)
     names = [n for n, _ in free_parameters(trials, held) if n in ("start", "sensor_lag", "base_angle") or "." in n]
     common = ", ".join(f'{key(n)} = "free"' for n in names)
     out.text.append("")
-    out.say("remove the # to select the model: creep, hysteresis and other terms are added one by one, as long as",
-            "the held-out recording is predicted better; this takes a minute or two")
+    out.say("remove the # to choose the terms of the model (creep, friction, softening, ...) from the training",
+            "recordings; the held-out recording then judges the choice; this takes a few minutes at most")
     out.text += ["# [model_selection]", f"# train = [{train}]", f'# held_out = ["{held}"]',
                  f"# common = {{ {common} }}  # free with every model"]
 
