@@ -12,7 +12,7 @@ from pliant.actuators import chen2018
 from pliant.errors import InputError
 from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.randomisation import draw_models
-from pliant.model import Memory, save_model
+from pliant.model import save_model
 from pliant.simulation import simulate
 from pliant.simulation.inputs import Trace
 from pliant.testbed import fibre
@@ -23,14 +23,12 @@ from pliant.exporters.gymnasium import EpisodeTask  # noqa: E402  registers them
 ERRORS = {"stiffness": 0.2, "damping": 1e-3}
 
 
-@pytest.mark.parametrize("name", ["pliant/Reach-v0", "pliant/Track-v0", "pliant/Push-v0"])
+@pytest.mark.parametrize("name", ["pliant/Reach-v0", "pliant/Track-v0"])
 @pytest.mark.filterwarnings("ignore:.*Box observation space")
 def test_clean(name, model):
     from gymnasium.utils.env_checker import check_env
 
-    if "Push" in name:
-        pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'pliant[bench]'")
-    elif model.valve.dead_time:
+    if model.valve.dead_time:
         with pytest.raises(InputError, match="ideal or first-order valve"):
             gymnasium.make(name, model=model).reset(seed=1)
         model = model.with_(valve=replace(model.valve, dead_time=0.0))
@@ -157,19 +155,6 @@ def test_the_fibre_is_that_of_the_laboratory():
     assert neighbours[0] > 0.2
 
 
-def test_a_push_moves_the_puck():
-    """Under full pressure the body drives the puck towards its target and beyond; without pressure it stays."""
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'pliant[bench]'")
-    env = gymnasium.make("pliant/Push-v0", model=chen2018.model())
-    for action, moves in ((-1.0, False), (0.6, True)):
-        _, first = env.reset(seed=2)
-        for _ in range(50):
-            info = env.step(np.array([action], dtype=np.float32))[-1]
-        way, goal = info["puck"] - first["puck"], first["target"] - first["puck"]
-        assert (np.linalg.norm(way) > 0.01) == moves
-        assert not moves or way @ goal / np.linalg.norm(way) / np.linalg.norm(goal) > 0.8
-
-
 def test_bad_input(tmp_path):
     model = chen2018.model()
 
@@ -186,5 +171,3 @@ def test_bad_input(tmp_path):
         reset(task=EpisodeTask(observe="camera"))
     with pytest.raises(InputError, match="pressure does not bend this model"):
         gymnasium.make("pliant/Reach-v0", model=chen2018.model(torque=[0.0]))
-    with pytest.raises(InputError, match="Bouc-Wen: not expressible in MuJoCo"):
-        gymnasium.make("pliant/Push-v0", model=chen2018.model(memory=Memory(boucwen_share=0.1)))
