@@ -145,7 +145,6 @@ def originals(folder: Path) -> list[Original]:
     write(ds, folder / "own.nc")
     write(ds, folder / "own.csv")
     ds.to_netcdf(folder / "foreign.nc", engine="h5netcdf")
-    ds.to_netcdf(folder / "classic.nc", engine="scipy")
     arrays = {"time": TIME, "position": GENTLE, "p_kpa": pressure / 1e3}
     np.savez(folder / "a.npz", **arrays)
     savemat(folder / "plain.mat", arrays)
@@ -170,7 +169,6 @@ def originals(folder: Path) -> list[Original]:
         Original("npz", ".npz", of("a.npz"), None, True, True, False),
         Original("nc, own", ".nc", of("own.nc"), None, True, True, False),
         Original("nc, foreign", ".nc", of("foreign.nc"), None, False, False, False),
-        Original("nc, classic", ".nc", of("classic.nc"), None, False, False, False),
         Original("mat, plain", ".mat", of("plain.mat"), None, False, False, False),
         Original("mat, packed", ".mat", of("packed.mat"), None, True, False, False),
         *(Original(name, f".{name[:3]}", text.encode(), TOLD.get(name, CAMERA), False, False, True)

@@ -163,7 +163,7 @@ def test_bad_input(tmp_path):
 
     with pytest.raises(InputError, match="'valve_rise' is not a field"):
         reset(fit={"valve_rise": 0.1})
-    with pytest.raises(InputError, match="the result of a fit .*none.json"):
+    with pytest.raises(InputError, match=r"the result of a fit .*none\.json"):
         reset(fit=tmp_path / "none.json")
     with pytest.raises(InputError, match="50 consecutive draws gave no valid model"):
         reset(fit={"stiffness": 1e18})
