@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pliant.estimation.adaptive_observer import AdaptiveObserver, frozen
 from pliant.estimation.contract import Estimator, EstimatorKind, Frame, Setting, State
 from pliant.estimation.differences import Differences
 from pliant.estimation.kalman import KalmanFilter
@@ -12,8 +11,9 @@ from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import estimate
 from pliant.estimation.registry import estimators
 from pliant.estimation.release import release_of
+from pliant.mechanics.springs import frozen
 
 __all__ = [
-    "AdaptiveObserver", "Differences", "Estimator", "EstimatorKind", "Frame", "KalmanFilter", "LinkAngles", "Noise",
+    "Differences", "Estimator", "EstimatorKind", "Frame", "KalmanFilter", "LinkAngles", "Noise",
     "Setting", "State", "calibrated", "default_noise", "estimate", "estimators", "frozen", "release_of", "rows_of",
 ]

@@ -9,8 +9,7 @@ from pliant.plugins import chosen, offered
 
 GROUP = "pliant.estimators"
 BUILT_IN = {
-    "observer": "pliant.estimation.adaptive_observer:ESTIMATOR",
-    "filter": "pliant.estimation.kalman:ESTIMATOR",
+    "filter": "pliant.estimation.loop_filter:ESTIMATOR",
     "differences": "pliant.estimation.differences:ESTIMATOR",
 }
 
