@@ -6,6 +6,7 @@ import pytest
 
 from pliant.batch.batch import BATCH_OPTIONS, BatchOptions, simulate_batch
 from pliant.control.preparation import RIG, Rig, prepare_control
+from pliant.estimation.adaptive_observer import OBSERVER_NOISE, AdaptiveObserver, ObserverNoise
 from pliant.identification.fit import FIT_OPTIONS, FitOptions, fit
 from pliant.options import with_defaults
 from pliant.selection.search import SEARCH_OPTIONS, SearchOptions, select_model
@@ -17,6 +18,7 @@ DOORS = [
     (simulate_batch, 2, BatchOptions, BATCH_OPTIONS),
     (run_sweep, 3, Workers, WORKERS),
     (prepare_control, 6, Rig, RIG),
+    (AdaptiveObserver, 2, ObserverNoise, OBSERVER_NOISE),
 ]
 
 

@@ -54,7 +54,7 @@ def loop_of_the_tip(model: pliant.Model, duration: float) -> dict[str, list[floa
     return {"time_s": clock.tolist(), "tip_x_mm": tip[0].tolist(), "tip_y_mm": tip[1].tolist()}
 
 
-def follow(output: Path, feedback: str = "lqr", estimator: str = "filter", duration: float = 3.6) -> TaskResult:
+def follow(output: Path, feedback: str = "lqr", estimator: str = "observer", duration: float = 3.6) -> TaskResult:
     """Follow the path for a while [s], the files into a folder, which is made."""
     output.mkdir(parents=True, exist_ok=True)
     model = two_segments()
@@ -77,7 +77,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("results/two_segments"))
     parser.add_argument("--feedback", choices=["lqr", "mpc"], default="lqr")
-    parser.add_argument("--estimator", choices=["filter", "differences"], default="filter")
+    parser.add_argument("--estimator", choices=["observer", "filter", "differences"], default="observer")
     args = parser.parse_args()
     done = follow(args.output, args.feedback, args.estimator)
     off = off_path(done)

@@ -24,7 +24,7 @@ PERIOD, HIGHEST = 4e-3, 190e3
 class Run:
     """A plant under control for a while, with its true tip after every period."""
 
-    def __init__(self, body, *, perfect=False, estimator="filter", **task):
+    def __init__(self, body, *, perfect=False, estimator="observer", **task):
         self.plant = Plant(body, perfect=perfect)
         late = 0 if perfect else 1
         frames = np.array([self.plant.advance(0.0).shape for _ in range(50)])
@@ -73,7 +73,6 @@ def reached():
 def test_a_step_of_the_tip_on_another_actuator(reached):
     """25 mm with the sensors' errors switched off: what is left is the model's, which was learnt on a."""
     run, ((moved, command), *_) = reached
-    assert run.design.latency == 0.0  # the filter predicts to the present
     assert not run.loop.watchdog.fault
     assert settled(moved, 0.025) < 0.25
     assert command.max() < HIGHEST
@@ -175,6 +174,19 @@ def test_the_loop_bears_a_plain_estimator():
     moved, _ = run.go(1.6)
     assert not run.loop.watchdog.fault
     assert np.abs(moved[-100:] - 0.025).max() < 6e-3
+
+
+@pytest.mark.parametrize(
+    ("body", "perfect", "bound"), [pytest.param("b", True, 3e-4, marks=pytest.mark.slow), ("a", False, 1.2e-3)],
+)  # fmt: skip
+def test_the_filter_closes_the_loop(body, perfect, bound):
+    """The Kalman filter in place of the observer: it predicts to the present, so the design knows of no delay."""
+    run = Run(body, perfect=perfect, estimator="filter")
+    assert run.design.latency == 0.0
+    moved, command = run.go(1.0)
+    assert not run.loop.watchdog.fault
+    assert command.max() <= HIGHEST
+    assert abs(moved[-100:].mean() - 0.025) < bound
 
 
 def test_margins_are_told(reached):

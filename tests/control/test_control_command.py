@@ -82,5 +82,5 @@ def test_another_estimator_by_its_name(tmp_path, capsys, estimator, bound):
 
 
 def test_an_estimator_that_is_none(tmp_path):
-    with pytest.raises(InputError, match="unknown estimator 'guess': use one of filter, differences"):
+    with pytest.raises(InputError, match="unknown estimator 'guess': use one of observer, filter, differences"):
         control(model=MODEL, plant="testbed:a", output=tmp_path / "out", estimator="guess")

@@ -1,4 +1,4 @@
-"""The compiled regulator against its formula on matrices."""
+"""The compiled frame of the loop, observer and regulator, against their formulas on matrices."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pliant.compiler.trace import planar_workspace
 from pliant.control import Limits, Lqr, design_lqr, design_outputs
+from pliant.equations.chamber import advance
+from pliant.equations.memory import step_with_memory
+from pliant.equations.symbols import Interval, Past
 from pliant.errors import InputError
-from pliant.estimation import State, frozen
+from pliant.estimation import AdaptiveObserver, LinkAngles, State, frozen
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Valve, chain_model, load_model
 from pliant.simulation import state
@@ -96,6 +100,61 @@ def test_the_regulator_is_its_formula(which, slew):
 def followed(valve, queue, value, asked):
     """States of a valve after a period, without a gauge, from its matrices."""
     return (valve._A @ value + valve._B * [*queue, asked][0])[: valve.order]
+
+
+def test_the_observer_is_its_formula(body):
+    """Model ahead, factor on the torque, correction and shifts, frame by frame, with matrices."""
+    ends = body.base_length + np.concatenate([[0.0], np.cumsum(body.link_length)])
+    follower, rng, n = AdaptiveObserver(body, PERIOD), np.random.default_rng(5), body.n
+    link_angles = LinkAngles(body, ends)
+    (gain, precision, F, G, _), memory = follower.gains, state.relaxed(body, np.zeros(n))
+    phi, w, own, by = mechanics_of(body).coordinates(np.zeros(n)), np.zeros(n), np.zeros(n), np.zeros(3 * n)
+    slow, scale, variance, pressure = body.actuation.rest_state(0.0)[0], 1.0, 0.04, 0.0
+    chamber = body.chamber.kernel()
+    law, c = body.memory.law(), body.memory.instantaneous
+    for k in range(4):
+        seen = phi + rng.normal(0.0, 2e-3, n)
+        across = body.link_length[:, None] * np.stack([-np.sin(seen), np.cos(seen)], axis=1)
+        frame = np.concatenate([np.zeros((1, 2)), np.cumsum(across, axis=0)])
+        follower.push_pressure(k * PERIOD, 3e4)
+        pressure, now = (1.5e4 if k == 0 else 3e4), np.array(body.torque) * scale
+        follower.push_frame(k * PERIOD, *link_angles.frame(frame))
+        if k:
+            by = F @ by + G[:, 0] * body.torque_at(pressure)
+            variance += 0.02**2 * PERIOD
+            joints = mechanics_of(body).joints._replace(theta0=body.rest_angle + own)
+            for _ in range(2):
+                made = advance(2e-3, Interval(*[pressure] * 4), chamber._replace(law=now), slow)
+                past = Past(law, memory, mechanics_of(body.with_(rest_angle=joints.theta0)).held())
+                step_with_memory(
+                    phi, w, 2e-3, made * body.joint_gain, mechanics_of(body).body, joints, past, planar_workspace(n)
+                )
+        nu = seen - phi
+        weight = precision @ by[:n]
+        part = variance / (1.0 + variance * by[:n] @ weight)
+        change = part * weight @ nu
+        scale, variance = scale + change, variance * (1.0 - part * weight @ by[:n])
+        by = by - gain @ by[:n]
+        move = gain @ nu + by * change
+        phi, w, own = phi + move[:n], w + move[n : 2 * n], own + move[2 * n :]
+        q = mechanics_of(body).joint_angles(phi)
+        held = law.creep_share @ (q[:, None] - memory[:, : len(law.creep_share)]).T
+        held = held + memory[:, len(law.creep_share) : -1] @ law.slip_share + law.boucwen_share * memory[:, -1]
+        found = follower.state(k * PERIOD)
+        np.testing.assert_allclose(found.angle, phi, rtol=1e-11)
+        np.testing.assert_allclose(found.rate, w, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(found.rest_shift, (own + c * q - held) / (1.0 + c), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(found.disturbance, body.stiffness * own, rtol=1e-9, atol=1e-14)
+        assert found.torque_scale == pytest.approx(scale, rel=1e-11)
+        assert found.time == k * PERIOD
+    assert (found.consistent, follower.missed) == (True, 0)
+
+
+def test_a_law_that_begins_with_the_square_is_observed(body):
+    """What a torque does to angles and rests is the chain's, whatever law gives it."""
+    square = AdaptiveObserver(body.with_(torque=np.array([0.0, 1e-11])), PERIOD).gains
+    for one, other in zip(square, AdaptiveObserver(body, PERIOD).gains, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
 
 
 def test_a_regulator_of_what_no_small_pressure_moves_is_refused(body):

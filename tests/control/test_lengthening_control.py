@@ -188,10 +188,10 @@ def test_a_task_brings_a_body_that_lengthens_there_from_a_plant_whose_markers_ri
         f"tip_y_mm = {1e3 * wanted[1]}\n"
     )
     task = read_task(tmp_path / "t.toml")
-    with pytest.raises(InputError, match="estimator 'differences' does not support: use filter"):
-        run_task(model, plant, task, tmp_path, estimator="differences")
+    with pytest.raises(InputError, match="estimator 'observer' does not support: use filter"):
+        run_task(model, plant, task, tmp_path)
     start = plant.tip
-    done = run_task(model, plant, task, tmp_path)
+    done = run_task(model, plant, task, tmp_path, estimator="filter")
     assert done.summary["fault"] == ""
     assert np.linalg.norm(plant.tip - start - wanted) < 1e-3
     assert plant.tip[1] > start[1] + 0.005

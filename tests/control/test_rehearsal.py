@@ -21,7 +21,7 @@ MODEL = Path(__file__).parents[2] / "examples" / "control" / "model_a.json"
 PERIOD, HIGHEST, LEVEL = 4e-3, 190e3, 8e-3
 
 
-def prepared(body, limits, estimator="filter", **task):
+def prepared(body, limits, estimator="observer", **task):
     """A controller of a body, and a noisy plant of it at rest."""
     plant = ModelPlant(body, noise=1e-5, pressure_noise=30.0)
     frames = np.array([plant.advance(0.0)[1] for _ in range(20)])
@@ -46,7 +46,7 @@ def run(ready, plant, seconds, push=0.0):
 
 
 @pytest.mark.parametrize(
-    ("slew", "estimator"), [(3e5, "filter"), pytest.param(5e5, "filter", marks=pytest.mark.slow)],
+    ("slew", "estimator"), [(3e5, "observer"), pytest.param(5e5, "filter", marks=pytest.mark.slow)],
 )  # fmt: skip
 def test_a_slew_limit_makes_the_design_quieter(slew, estimator, monkeypatch):
     """8 mm away; with the effort weight that was asked for the same loop ends farther off than its target."""

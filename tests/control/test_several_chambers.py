@@ -438,8 +438,9 @@ def test_the_model_as_a_plant_is_the_integrated_body():
 
 @pytest.mark.parametrize(
     ("feedback", "estimator"),
-    [("lqr", "filter"), ("lqr", "differences"), ("mpc", "filter"),
-     pytest.param("mpc", "differences", marks=pytest.mark.slow)],
+    [("lqr", "observer"), ("lqr", "differences"), ("mpc", "observer"),
+     *(pytest.param(*p, marks=pytest.mark.slow)
+       for p in (("lqr", "filter"), ("mpc", "filter"), ("mpc", "differences")))],
 )  # fmt: skip
 def test_the_loop_brings_an_unlike_body_to_its_place(feedback, estimator):
     """A body softer by a tenth that creeps, with noise: estimator and controller make up for it, or the integral."""

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.estimation import kalman_loops
+from pliant.estimation import adaptive_observer, kalman_loops
+from pliant.estimation.adaptive_observer import AdaptiveObserver
 from pliant.estimation.contract import Frame
 from pliant.estimation.link_tips import LinkTips, with_rest_angles, with_rest_shape
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.symbols import FilterNoise, FilterState
-from pliant.model import Extension, Model
+from pliant.model import Extension, Memory, Model
 
 SIZES = {"link_length": [0.1, 0.2], "link_mass": [0.02, 0.03], "stiffness": [1.0, 3.0], "damping": 0.01}
 BODY = Model(**SIZES, torque=[1e-6], base_length=0.05, base_angle=0.2)
@@ -230,3 +231,19 @@ def test_noise_by_default_grows_with_the_springs():
     alone = default_noise(BODY, disturbance=False)
     assert alone.states(BODY) == 4
     assert alone.torque > default_noise(BODY).torque
+
+
+# the observer
+
+
+def test_an_observer_of_defaults_takes_steps_of_two_milliseconds_and_the_pressure_at_hand(monkeypatch):
+    monkeypatch.setattr(adaptive_observer, "twin", lambda *_: None)  # nothing runs
+    body = BODY.with_(base_length=0.0, memory=Memory(slip_share=(0.3,), slip_angle=(0.02,)))
+    for period, parts in ((0.01, 5), (0.011, 6), (0.001, 1)):
+        made = AdaptiveObserver(body, period)
+        assert (made.pace.parts, made.pace.h) == (parts, pytest.approx(period / parts))
+    assert made.body.instantaneous == pytest.approx(0.3)
+    assert len(made._waiting) == 0
+    assert AdaptiveObserver(body, 0.01, late=2, share=0.5).body.instantaneous == pytest.approx(0.15)
+    np.testing.assert_allclose(made.inputs(np.zeros(2))[0], 1)
+    assert made.scale == 1.0

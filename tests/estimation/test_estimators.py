@@ -18,7 +18,7 @@ from pliant.simulation import Trace, simulate
 PERIOD = 4e-3
 CLOCK = PERIOD * np.arange(150)
 PRESSURE = 8e4 * np.clip(CLOCK / 0.2, 0, 1)
-BOUNDS = {"filter": (2e-3, 0.1), "differences": (2e-3, 0.7)}  # rad, rad/s: differences lag
+BOUNDS = {"observer": (2e-3, 0.2), "filter": (2e-3, 0.1), "differences": (2e-3, 0.7)}  # rad, rad/s: differences lag
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +74,8 @@ def test_every_estimator_finds_a_motion_under_two_pressures(name, under_two_pres
     found, (angle, rate) = made.state(CLOCK[-1]), BOUNDS[name]
     np.testing.assert_allclose(mechanics_of(body).joint_angles(found.angle), run.joint_angle.values[-1], atol=angle)
     np.testing.assert_allclose(found.rate, np.cumsum(run.joint_rate.values[-1]), atol=2 * rate)
+    if name == "observer":
+        assert found.torque_scale == pytest.approx(0.9, abs=0.05)
 
 
 @pytest.mark.parametrize("name", registered.BUILT_IN)
@@ -92,10 +94,11 @@ def test_every_estimator_finds_the_motion(name, body, moved):
         assert (found.consistent, found.fault) == (True, "")
 
 
-def test_rest_shifts_are_those_of_the_model_without_memory(body, moved):
+@pytest.mark.parametrize("name", ["observer", "filter"])
+def test_rest_shifts_are_those_of_the_model_without_memory(name, body, moved):
     """K (q - shift) = tau of the frozen model where the body stands still: what crept is in the shift."""
     frames = 150
-    found = shown(estimators()["filter"], body, moved[1], frames)[1]
+    found = shown(estimators()[name], body, moved[1], frames)[1]
     q = mechanics_of(body).joint_angles(found.angle)
     held = frozen(body).stiffness * (q - found.rest_shift)
     tau = np.asarray(body.torque_at(float(PRESSURE[-1]))) * found.torque_scale
@@ -120,9 +123,10 @@ def test_a_state_stays_what_it_was(name, body, moved):
     assert np.isfinite(later.rate).all()
 
 
-def test_a_body_elsewhere_is_told(body, moved):
+@pytest.mark.parametrize("name", ["observer", "filter"])
+def test_a_body_elsewhere_is_told(name, body, moved):
     """A shape that the model cannot be in at once: the state says why it is not to be trusted."""
-    made, _ = shown(estimators()["filter"], body, moved[1], 40)
+    made, _ = shown(estimators()[name], body, moved[1], 40)
     rows, values, variance = LinkAngles(body, ends(body)).frame(moved[1][40])
     made.push_frame(CLOCK[40], rows, values + np.array([1.5, 0.0, 0.0]), variance)
     found = made.state(CLOCK[40])
@@ -130,14 +134,16 @@ def test_a_body_elsewhere_is_told(body, moved):
     assert "0.5 rad" in found.fault
 
 
-def test_rows_that_are_no_link_angles_are_refused(body):
-    made = estimators()["differences"].make(Setting(body, PERIOD, 0))
+@pytest.mark.parametrize("name", ["observer", "differences"])
+def test_rows_that_are_no_link_angles_are_refused(name, body):
+    made = estimators()[name].make(Setting(body, PERIOD, 0))
     with pytest.raises(InputError, match="use KalmanFilter, which accepts any"):
         made.push_frame(0.0, np.array([[1.0, 2.0, 0.05, 0.0]]), np.zeros(1), np.ones(1))
 
 
-def test_more_pressures_than_chambers_are_refused(body):
-    made = estimators()["filter"].make(Setting(body, PERIOD, 0))
+@pytest.mark.parametrize("name", ["observer", "filter"])
+def test_more_pressures_than_chambers_are_refused(name, body):
+    made = estimators()[name].make(Setting(body, PERIOD, 0))
     made.push_pressure(0.0, np.array([1e4]))
     with pytest.raises(InputError, match=r"expected 1 pressure\(s\) .* got shape \(2,\)"):
         made.push_pressure(PERIOD, np.array([1e4, 2e4]))

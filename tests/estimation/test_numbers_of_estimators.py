@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.linalg import expm, solve_discrete_are
 
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, LinkAngles, Noise, estimate, frozen
+from pliant.estimation.adaptive_observer import AdaptiveObserver, in_torques, stationary, with_shifts
 from pliant.estimation.differences import Differences
 from pliant.estimation.link_angles import calibrated, joint_rows, needs_joint_rows
 from pliant.estimation.link_tips import LinkTips
@@ -27,6 +29,7 @@ from pliant.estimation.offline import (
 )
 from pliant.estimation.release import release_of
 from pliant.estimation.symbols import FilterOutput, make_output, make_workspace
+from pliant.linear.linearisation import linearise
 from pliant.model import Extension, Memory, Station, Valve, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import equilibrium
@@ -299,12 +302,68 @@ def test_bounds_and_whiteness_in_small_numbers():
     np.testing.assert_allclose(standard_deviations(T, P), [[np.sqrt(2.0)], [0.0]])
 
 
+# the observer
+
+
+def test_the_linear_model_of_the_observer_and_its_stationary_gain():
+    body = BODY.with_(gravity=[0.0, -9.81])
+    chain, drive = with_shifts(body)
+    linear = linearise(body.with_(torque=[1e-6]), 0.0)
+    np.testing.assert_allclose(chain[:4, :4], linear.A)
+    np.testing.assert_allclose(drive[:4], linear.B / 1e-6)
+    assert not chain[4:].any()
+    assert not drive[4:].any()
+    # a shift of the first joint's rest pulls as both links turned the other way
+    plain = with_shifts(BODY)[0]
+    np.testing.assert_allclose(plain[2:4, 4:], -linearise(BODY, 0.0).A[2:, :2] @ np.array([[1.0, 0], [1, 1]]))
+    design = stationary(body, PERIOD, 2e-3, 0.05, 0.5)
+    F = expm(chain * PERIOD)
+    sums = np.array([[1.0, 0.0], [1.0, 1.0]])
+    Q = np.zeros((6, 6))
+    Q[:2, :2], Q[2:4, 2:4], Q[4:, 4:] = 4e-10 * np.eye(2), 0.25 * PERIOD * sums @ sums.T, 0.0025 * PERIOD * np.eye(2)
+    R, H = 4e-6 * sums @ sums.T, np.eye(2, 6)
+    P = solve_discrete_are(F.T, H.T, Q, R)
+    S = H @ P @ H.T + R
+    np.testing.assert_allclose(design.precision, np.linalg.inv(S), rtol=1e-6)
+    np.testing.assert_allclose(design.gain, P @ H.T @ np.linalg.inv(S), rtol=1e-6)
+    np.testing.assert_allclose(design.covariance, P - P @ H.T @ np.linalg.inv(S) @ H @ P, rtol=1e-6, atol=1e-12)
+    made = in_torques(body, np.ones((6, 6)))
+    np.testing.assert_allclose(np.diag(made), [1, 1, 1, 1, 1.0, 2.25])
+    np.testing.assert_allclose(made[0], [1, 1, 1, 1, 1.0, 1.5])
+    assert not made.flags.writeable
+
+
 def test_a_frozen_model_is_stiffer_by_what_its_memory_holds():
     memory = Memory((0.1, 0.2), (1.0, 2.0), (0.3,), (0.01,))
     body = BODY.with_(memory=memory)
     np.testing.assert_allclose(frozen(body).stiffness, 1.6 * BODY.stiffness)
     np.testing.assert_allclose(frozen(body, 0.5).stiffness, 1.3 * BODY.stiffness)
     assert not frozen(body).memory
+
+
+def test_an_observer_takes_steps_of_a_period_and_pressures_between_frames():
+    made = AdaptiveObserver(ARM, PERIOD, time_step=2e-3, late=1, scale_sd=0.3, scale_random_walk=0.1)
+    assert (made.pace.parts, made.pace.h, made.pace.largest) == (3, pytest.approx(PERIOD / 3), 0.5)
+    assert made.own.factor.tolist() == [1.0, pytest.approx(0.09)]
+    assert made.gains.growth == pytest.approx(0.01 * PERIOD)
+    assert AdaptiveObserver(ARM, 6e-3, time_step=2e-3).pace.parts == 3
+    assert AdaptiveObserver(ARM, 1e-3, time_step=2e-3).pace.parts == 1
+    rows, still, variance = joint_rows(ARM), np.zeros(3), np.full(3, 4e-6)
+    means = []
+    for k, p in enumerate((0.0, 4e4, 8e4, 8e4)):
+        made.push_pressure(k * PERIOD, p)
+        made.push_frame(k * PERIOD, rows, still, variance)
+        means.append(float(made._pressure[0]))
+    assert means == [0.0, 0.0, 2e4, 6e4]  # a frame late, and the mean of the two at its ends
+    made.push_frame(4 * PERIOD, rows, np.full(3, np.nan), variance)
+    assert made.missed == 1
+    assert made.fault == ""
+    made.push_frame(5 * PERIOD, rows, np.array([0.7, 0.0, 0.0]), variance)
+    assert "by more than 0.5 rad" in made.fault
+    made.reset()
+    assert (made.fault, made.missed, made.scale) == ("", 0, 1.0)
+    assert made.state(0.0).time == -math.inf
+    np.testing.assert_allclose(made.state(0.0).angle, 0.0)
 
 
 # the filter

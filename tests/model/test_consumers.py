@@ -20,12 +20,13 @@ from pliant.control.design import design_outputs
 from pliant.control.limits import Limits
 from pliant.control.valve import CONTROL
 from pliant.errors import InputError
+from pliant.estimation.adaptive_observer import OBSERVER, AdaptiveObserver
 from pliant.estimation.kalman import FILTER, KalmanFilter
 from pliant.exporters.registry import export, exporters
 from pliant.linear.linearisation import LINEARISE, linearise
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Model, Space, Station, Tendon, Valve, chain_model
-from pliant.model.features import ALL, FEATURES, LATER_TERMS, named
+from pliant.model.features import ALL, FEATURES, LATER_TERMS, VALVES, named
 from pliant.simulation import Pulse, Stepper, Trace, equilibrium, modes, simulate
 from pliant.simulation.extrapolation import EXTRAPOLATED
 from pliant.simulation.reference import SCIPY
@@ -239,6 +240,8 @@ def test_estimators_without_frames_move_as_a_stepper(key):
         for k in range(1, 61):
             seen.advance(k * step)
         np.testing.assert_allclose(seen.angle, stepper.angle, atol=1e-7)
+    if carried_or_refused(OBSERVER, key, lambda: AdaptiveObserver(model, 4e-3)):
+        assert set(OBSERVER.by_nature) == VALVES
 
 
 @pytest.mark.parametrize("key", MODELS)

@@ -6,6 +6,7 @@ import pytest
 import pliant
 from pliant.control import design_lqr
 from pliant.errors import InputError
+from pliant.estimation import AdaptiveObserver
 from pliant.model import Chamber, Model, Space, Station
 from pliant.simulation import modes
 
@@ -83,9 +84,13 @@ def test_parameters_that_no_body_has_are_refused(values, sentence):
         Space(**values)
 
 
-def test_what_takes_planar_chains_alone_refuses_one_in_space():
-    with pytest.raises(InputError, match="needs a planar chain"):
-        design_lqr(in_space(), 1e5, 1e-3)
+@pytest.mark.parametrize("use", [
+    lambda model: AdaptiveObserver(model, 4e-3),
+    lambda model: design_lqr(model, 1e5, 1e-3),
+])  # fmt: skip
+def test_what_takes_planar_chains_alone_refuses_one_in_space(use):
+    with pytest.raises(InputError, match=r"needs a planar chain|does not support a body in space"):
+        use(in_space())
 
 
 @pytest.mark.parametrize(("mass", "radius"), [(0.0, 0.01), (1e-9, 1e-6)])

@@ -52,7 +52,7 @@ def control(
     plant: Annotated[
         str, typer.Option("--plant", help="testbed:a, testbed:b, testbed:c, model:FILE, or the name of a plug-in.")
     ] = "testbed:a",
-    estimator: Annotated[str, typer.Option(help="filter, differences, or an installed one.")] = "filter",
+    estimator: Annotated[str, typer.Option(help="observer, filter, differences, or an installed one.")] = "observer",
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for log, report and figure.")] = Path(
         "results/control"
     ),

@@ -12,9 +12,9 @@ from pliant.control.limits import Limits
 from pliant.control.plan import Plan
 from pliant.control.tuning import PidTuning
 from pliant.errors import InputError
+from pliant.estimation.adaptive_observer import frozen
 from pliant.estimation.contract import State
 from pliant.mechanics import mechanics_of
-from pliant.mechanics.springs import frozen
 from pliant.simulation import modes
 
 Array = np.ndarray

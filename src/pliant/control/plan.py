@@ -15,9 +15,9 @@ from pliant.control.trajectory import Planner, Trajectory
 from pliant.control.tuning import MpcTuning, PidTuning, Tuning
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
+from pliant.estimation.adaptive_observer import frozen
 from pliant.linear.sampled import KILO
 from pliant.mechanics import mechanics_of
-from pliant.mechanics.springs import frozen
 from pliant.model import Model
 from pliant.shapes import Float
 

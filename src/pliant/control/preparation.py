@@ -78,7 +78,7 @@ class Rig(TypedDict, total=False):
     rides: bool
 
 
-RIG: Rig = {"late": 0, "supply": None, "estimator": "filter", "rides": False}
+RIG: Rig = {"late": 0, "supply": None, "estimator": "observer", "rides": False}
 
 
 def prepare_control(
@@ -108,8 +108,8 @@ def prepare_control(
     supply : SupplyValve or mapping, optional
         The rig's valve for all chambers, or a mapping from chamber names; default: the model's valves.
     estimator : str
-        "filter" (the default), "differences", or one that an installed package provides. A body that lengthens or
-        moves in space needs "filter".
+        "observer" (the default), "filter", "differences", or one that an installed package provides. A body that
+        lengthens or moves in space needs "filter".
     rides : bool
         True if the points are material points of the stretching body, as markers are. Default: False, for a dense curve
         whose points are not.

@@ -18,9 +18,9 @@ from pliant.control.steady_inputs import bounded_least_squares
 from pliant.control.valve import SupplyValve, supply_of
 from pliant.control.valve_states import behind_supply, valve_under
 from pliant.errors import InputError
+from pliant.estimation.adaptive_observer import frozen
 from pliant.linear.linearisation import LinearModel, linearise
 from pliant.linear.sampled import periods_late, sample
-from pliant.mechanics.springs import frozen
 from pliant.model import Model, Valve
 from pliant.simulation import Trace, simulate
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pliant.estimation.adaptive_observer import AdaptiveObserver, frozen
 from pliant.estimation.contract import Estimator, EstimatorKind, Frame, Setting, State
 from pliant.estimation.differences import Differences
 from pliant.estimation.kalman import KalmanFilter
@@ -11,9 +12,8 @@ from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import estimate
 from pliant.estimation.registry import estimators
 from pliant.estimation.release import release_of
-from pliant.mechanics.springs import frozen
 
 __all__ = [
-    "Differences", "Estimator", "EstimatorKind", "Frame", "KalmanFilter", "LinkAngles", "Noise",
+    "AdaptiveObserver", "Differences", "Estimator", "EstimatorKind", "Frame", "KalmanFilter", "LinkAngles", "Noise",
     "Setting", "State", "calibrated", "default_noise", "estimate", "estimators", "frozen", "release_of", "rows_of",
 ]

@@ -16,7 +16,8 @@ from pliant.equations import chamber
 from pliant.equations.memory import memory_angle
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
-from pliant.estimation.contract import State
+from pliant.estimation.adaptive_observer_loops import rest_shift
+from pliant.estimation.contract import EstimatorKind, Setting, State
 from pliant.estimation.measurement import IN_RADIANS, check_frame, flips
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of, frame_of
@@ -138,7 +139,7 @@ class KalmanFilter:
         self._workspaces: dict[int, FilterWorkspace] = {}
         sizes = mechanics_of(model).sizes
         self._predict, self._update = twin(kalman_loops.predict_span, *sizes), twin(kalman_loops.update, *sizes)
-        self._rest_shift = twin(kalman_loops.rest_shift)
+        self._rest_shift = twin(rest_shift)
         q, size, n = state.equilibrium(model, pressure), model.size, model.size - len(model.extensions)
         self.time, self.pressure = float(time), model.actuation.pressures(pressure)
         self._actuation, self._torques = model.actuation.kernel(), twin(chamber.held_torques)
@@ -298,3 +299,11 @@ class KalmanFilter:
         self.time, self.pressure = kept.time, kept.pressure
         self._slow[:] = kept.slow
         self._state[:] = kept.state
+
+
+def make(setting: Setting) -> KalmanFilter:
+    """Return a Kalman filter, created from the arguments in `setting`. It starts at the first pressure or frame."""
+    return KalmanFilter(setting.model, time=-math.inf)
+
+
+ESTIMATOR = EstimatorKind("filter", make, predicts=True)

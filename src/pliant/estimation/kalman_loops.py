@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.equations.linearised import step_jacobian
-from pliant.equations.memory import follow_change, memory_angle, step_with_memory
+from pliant.equations.memory import follow_change, step_with_memory
 from pliant.equations.observation import motion_of, observe_rows
 from pliant.equations.symbols import Past
 from pliant.estimation.symbols import FilterFrame
@@ -266,17 +266,3 @@ def store(state, x, C):
             x[a] = d[a - 2 * n]
         for b in range(P.shape[0]):
             C[a, b] = P[a, b]
-
-
-def rest_shift(angle, model_shift, memory_state, base_angle, rest_angle, memory, left, shift):
-    """Write to `shift` (n,) [rad] the shift of the rest angles of n joints that has the same effect as model error,
-    hysteresis and creep.
-
-    K (q - model_shift) + K r = tau, with r = r_now + c (q - q_now), where c is `left`.
-    """
-    before = base_angle
-    for i in range(len(angle)):
-        q = angle[i] - before - rest_angle[i]
-        before = angle[i]
-        r = memory_angle(i, q, memory_state, memory)
-        shift[i] = (model_shift[i] + left * q - r) / (1.0 + left)

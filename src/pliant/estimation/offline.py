@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import xarray as xr
 from pliant.compiler.choose import twin
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
+from pliant.estimation.adaptive_observer import without_valves
 from pliant.estimation.measurement import Measurement, flips, measurement_of, row_width
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.symbols import (
@@ -26,7 +26,7 @@ from pliant.estimation.symbols import (
 from pliant.identification.drives import measured
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.lengths import check_lengths
-from pliant.model import Model, Valve
+from pliant.model import Model
 from pliant.simulation import Pulse, Trace, state
 from pliant.simulation.drive import Drive
 from pliant.simulation.drive import drive as drive_plan
@@ -151,8 +151,7 @@ def input_of(
         raise InputError(f"pressure_window must be a time in seconds, at least 0, got {window}")
     traces = measured("to estimate", recording, model, drive)
     sources = tuple(t if isinstance(t, Pulse) else Trace(*averaged(t.time, t.pressure, window)) for t in traces)
-    ideal = tuple(replace(c, valve=Valve()) for c in model.chambers)  # the inputs are the pressures in the chambers
-    return sources, model.with_(chambers=ideal)
+    return sources, without_valves(model)
 
 
 def averaged(clock: Array, values: Array, window: float) -> tuple[Array, Array]:

@@ -9,7 +9,8 @@ from pliant.plugins import chosen, offered
 
 GROUP = "pliant.estimators"
 BUILT_IN = {
-    "filter": "pliant.estimation.loop_filter:ESTIMATOR",
+    "observer": "pliant.estimation.adaptive_observer:ESTIMATOR",
+    "filter": "pliant.estimation.kalman:ESTIMATOR",
     "differences": "pliant.estimation.differences:ESTIMATOR",
 }
 

@@ -6,7 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.compiler.trace import planar_workspace
 from pliant.equations.symbols import (
+    ActuationConstants,
     Body,
     ExtensibleBody,
     ExtensibleWorkspace,
@@ -23,7 +25,65 @@ from pliant.equations.symbols import (
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
+FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED = range(4)  # outcome of a frame for the adaptive observer
 Array = np.ndarray
+
+
+class ObserverModel(NamedTuple):
+    """Constants of the model that the adaptive observer simulates: inertia, springs, chambers, hysteresis."""
+
+    joints: Joints
+    body: Body
+    chambers: ActuationConstants
+    memory: MemoryLaw
+    instantaneous: float  # stiffness of the hysteresis before it slips, over K, as far as `frozen` keeps it
+
+
+class ObserverGains(NamedTuple):
+    """Constant gain of the adaptive observer, and the linear model from which it learns a factor on the actuation
+    torque.
+    """
+
+    gain: np.ndarray  # (3n, n), of angles, rates and rest shifts
+    precision: np.ndarray  # (n, n) 1/rad^2, inverse of the innovations' covariance
+    F: np.ndarray  # (3n, 3n), transition of a period
+    G: np.ndarray  # (3n, C) per N m, of the torque of each chamber over a period
+    growth: float  # of the factor's variance in a period
+
+
+class ObserverState(NamedTuple):
+    """State of the adaptive observer, changed in place: angles, rates, shifts of the rest angles, and a factor on the
+    torque.
+    """
+
+    angle: np.ndarray  # (n,) rad, absolute
+    rate: np.ndarray  # (n,) rad/s
+    own_shift: np.ndarray  # (n,) rad, estimated shift of the rest angles by model error
+    innovation: np.ndarray  # (n,) rad, of the last frame
+    rest_shift: np.ndarray  # (n,) rad, total shift of the rest angles of `frozen(model)`
+    memory: np.ndarray  # (n, branches)
+    sensitivity: np.ndarray  # (3n,) of angles, rates and rest shifts to the factor
+    factor: np.ndarray  # (2,) on the torque: its value and its variance
+    slow: np.ndarray  # (C, 2) slow states of the chambers, see `equations.chamber.advance`
+
+
+class Pace(NamedTuple):
+    """Number and length of the adaptive observer's time steps between frames, and the limit of its innovations."""
+
+    parts: int  # steps in a period
+    h: float  # s, length of one
+    largest: float  # rad: a larger innovation means that model and body no longer agree
+
+
+class ObserverWorkspace(NamedTuple):
+    """Scratch arrays for one prediction and correction of the adaptive observer."""
+
+    held: Held
+    work: Workspace
+    springs: Joints  # joints of a step, with shifted rest angles
+    gain: np.ndarray  # (C, n) of the chambers' torques, times the factor
+    weight: np.ndarray  # (3n,)
+    move: np.ndarray  # (3n,)
 
 
 class FilterState(NamedTuple):
@@ -122,6 +182,15 @@ def make_workspace(model: Model, states: int, rows: int) -> FilterWorkspace:
     shapes = [(states, states), (n,), (n,), (2 * n,), (states,), (states,), (rows,), (rows, n)]
     scratch: list[Any] = [*map(np.zeros, shapes), chain.sight()]
     return FilterWorkspace(chain.workspace(), chain.held(), slopes.J, slopes, *scratch)
+
+
+def make_observer_workspace(model: Model) -> ObserverWorkspace:
+    """Return the scratch arrays of the adaptive observer for a model."""
+    n, springs = model.n, mechanics_of(model).joints._replace(theta0=np.zeros(model.n))
+    return ObserverWorkspace(
+        mechanics_of(model).held(), planar_workspace(n), springs, np.zeros_like(model.actuation.gain), np.zeros(3 * n),
+        np.zeros(3 * n),
+    )
 
 
 def make_output(frames: int, states: int, rows: int) -> FilterOutput:

@@ -63,7 +63,7 @@ def make_plant(name: str) -> Any:
     return connection("plant", kind)(which) if which else connection("plant", kind)()
 
 
-def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "filter") -> Prepared:
+def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "observer") -> Prepared:
     """Measure the rest shape of a plant and return the prepared estimator and controller.
 
     Raises
@@ -124,7 +124,7 @@ def check_units(model: Model, wanted: TaskFile) -> None:
 
 
 def run_task(
-    model: Model, plant: Any, wanted: TaskFile, folder: Path, *, estimator: str = "filter", real_time: bool = False,
+    model: Model, plant: Any, wanted: TaskFile, folder: Path, *, estimator: str = "observer", real_time: bool = False,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> TaskResult:
     """Run a control task on a plant and write ``log.csv`` into `folder`, also when the run fails.

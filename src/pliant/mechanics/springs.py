@@ -16,7 +16,7 @@ import numpy as np
 from pliant.equations.elastic import TERMS, spring_slope, spring_torque
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import SimulationError
-from pliant.model import Extension, Memory, Model
+from pliant.model import Extension, Model
 from pliant.model.extension import CURVES
 
 Array = np.ndarray
@@ -277,12 +277,3 @@ def softened_segment(model: Model, strain: Array, least: float = 0.0) -> str:
         f"{strain[int(lost[0])]:.4g}, beyond what its stiffening describes: lower the pressure or the size of the "
         "stiffening"
     )
-
-
-def frozen(model: Model, share: float = 1.0) -> Model:
-    """Return the model without hysteresis and creep, but with stiffer springs. The added stiffness is `share` times the
-    stiffness of hysteresis and creep against a sudden small change of angle, and of the segments against one of strain.
-    """
-    joints, axial = (1.0 + share * m.instantaneous for m in (model.memory, model.memory.axial))
-    segments = stiffer_segments(model, axial)  # branches are straight: the springs bend as before
-    return model.with_(**stiffer_springs(model, joints), extensions=segments, memory=Memory())
