@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
+from speed.timing import best, machine
 
 from pliant.actuators import chen2018
-from pliant.bench.timing import best, machine
 from pliant.compiler.choose import fast_step, straight, twin
 from pliant.compiler.twin import options, rebuild
 from pliant.equations.articulated import step_articulated

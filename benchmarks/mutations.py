@@ -109,16 +109,11 @@ def tracker_texts() -> dict[str, str]:
     rows = [",".join([str(k), *(f"{x:.3f},{y:.3f},0.99" for x, y in frame)]) for k, frame in enumerate(pixels)]
     scored = ["scorer" + ",net" * 9, "bodyparts," + ",".join(n for n in names for _ in range(3)),
               "coords" + ",x,y,likelihood" * 3]  # fmt: skip
-    paths = [line for s, n in enumerate(names) for line in (f"# {n}", *(
-        f"{1e3 * t:.0f} {x:.3f} {y:.3f}" for t, (x, y) in zip(TIME, pixels[:, s], strict=True)))]  # fmt: skip
-    points = [f"{t:.3f}\t{x:.3f}\t{y:.3f}" for t, (x, y) in zip(TIME, pixels[:, 2], strict=True)]
     angles = [f"{t:.3f};{20 * np.sin(t):.4f};{10 * t:.3f}" for t in TIME]
     logged = [f"{t:.6f}\t{5 * t:.6f}\t{21 + t:.3f}" for t in TIME]
     bends = [f"{t:.3f},{0.1 + np.sin(t):.5f},{np.sin(2 * t):.5f},{t:.5f}" for t in TIME]
     return {
         "csv, DeepLabCut": "\n".join([*scored, *rows, ""]),
-        "txt, Kinovea": "\n".join(["#Kinovea Trajectory data export", "#T X Y", *paths, ""]),
-        "txt, Tracker": "\n".join(["tip", "t\tx\ty", *points, ""]),
         "csv, angles": "\n".join(["time_s;angle_deg;pressure_kpa", *angles, ""]),
         "lvm, LabVIEW": "\n".join([
             "LabVIEW Measurement\t", "Separator\tTab", "X_Columns\tOne", "***End_of_Header***", "", "Channels\t2",
@@ -150,7 +145,6 @@ def originals(folder: Path) -> list[Original]:
     write(ds, folder / "own.nc")
     write(ds, folder / "own.csv")
     ds.to_netcdf(folder / "foreign.nc", engine="h5netcdf")
-    ds.to_netcdf(folder / "classic.nc", engine="scipy")
     arrays = {"time": TIME, "position": GENTLE, "p_kpa": pressure / 1e3}
     np.savez(folder / "a.npz", **arrays)
     savemat(folder / "plain.mat", arrays)
@@ -175,7 +169,6 @@ def originals(folder: Path) -> list[Original]:
         Original("npz", ".npz", of("a.npz"), None, True, True, False),
         Original("nc, own", ".nc", of("own.nc"), None, True, True, False),
         Original("nc, foreign", ".nc", of("foreign.nc"), None, False, False, False),
-        Original("nc, classic", ".nc", of("classic.nc"), None, False, False, False),
         Original("mat, plain", ".mat", of("plain.mat"), None, False, False, False),
         Original("mat, packed", ".mat", of("packed.mat"), None, True, False, False),
         *(Original(name, f".{name[:3]}", text.encode(), TOLD.get(name, CAMERA), False, False, True)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import elastica
 import numpy as np
+from speed.timing import machine
 
-from pliant.bench.timing import machine
 from pliant.testbed.rod import RodParameters
 from pliant.testbed.stepping import settle, simulate
 

@@ -15,8 +15,7 @@ from time import perf_counter
 
 from speed import batches, fitting, race, realtime
 from speed.meaning import MEANING
-
-from pliant.bench.run import PARTS, measure, write
+from speed.measure import PARTS, measure, write
 
 HERE = Path(__file__).parent
 REAL_TIME_S = 30.0

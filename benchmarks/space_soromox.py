@@ -43,8 +43,8 @@ from space_speed import (
     step_ns,
     to_target,
 )
+from speed.timing import best, machine
 
-from pliant.bench.timing import best, machine
 from pliant.model import chain_model
 from pliant.simulation import Pulse, simulate
 

@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
+from speed.timing import best, machine
 
-from pliant.bench.timing import best, machine
 from pliant.compiler.choose import twin
 from pliant.compiler.twin import options, rebuild
 from pliant.equations import motion, spatial

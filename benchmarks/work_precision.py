@@ -17,8 +17,7 @@ from peers import all_peers
 from speed.methods import mujoco_methods, pliant_extrapolated, pliant_midpoint, scipy_methods, solved
 from speed.problem import TARGET_MM, Problem
 from speed.race import curve
-
-from pliant.bench.timing import machine
+from speed.timing import machine
 
 ROOT = Path(__file__).resolve().parents[1]
 MARKERS = "os^vD<>Pp*Xh8d"

@@ -26,8 +26,6 @@ settings.load_profile("repeatable")
 
 MAY_BE_SKIPPED = {  # what a reason holds -> why a run without that test is complete on this machine
     "measured recordings are absent": "they are no part of the project",
-    "the extra 'gpu' is not installed": "libraries of one maker of cards",
-    "a GPU is there": "what is said where there is none",
     "no Chromium on this machine": "a browser does not come with pip",
     "not a git checkout": "a copy without history",
     "this user may write everywhere": "file permissions do not stop root",

@@ -12,14 +12,14 @@ import numpy as np
 
 from pliant.actuators import chen2018
 from pliant.batch import simulate_batch
-from pliant.bench.floor import floor
-from pliant.bench.kernels import TORQUE
-from pliant.bench.timing import best
 from pliant.mechanics import mechanics_of
 from pliant.parallel import cores
 from pliant.simulation import Pulse, simulate, state
 from pliant.simulation.drive import drive
 from pliant.simulation.initial_value import march
+from speed.floor import floor
+from speed.kernels import TORQUE
+from speed.timing import best
 
 SAMPLES = 1024  # as many as a Monte Carlo run takes: the label on the arrays is then a small part
 STEP = 1e-3  # s

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from pliant.actuators import chen2018
-from pliant.bench.timing import best
 from pliant.identification import Parameter, experiment, fit
 from pliant.recording import make_recording
 from pliant.simulation import Pulse, simulate
+from speed.timing import best
 
 NOISE = 0.3e-3  # m
 RATE = 1000.0  # Hz

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from pliant.bench.run import MEANING as OF_THE_COMMAND
+from speed.measure import MEANING as OF_THE_KERNELS
 
 MEANING = {
-    **OF_THE_COMMAND,
+    **OF_THE_KERNELS,
     "experiment_ms": "the paper's pulse of 4 s at the coarsest step that keeps all tips within the target",
     "experiment_tip_error_mm": "largest distance of a tip from the reference solution at that step",
     "experiment_step_ms": "that step", "experiment_labelled_ms": "the same through pliant.simulate, labels included",

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from pliant.bench.timing import best
 from speed.methods import Method, mujoco_methods, pliant_midpoint, scipy_methods, solved
 from speed.problem import TARGET_MM, Problem
+from speed.timing import best
 
 USELESS_MM = 20.0  # beyond, a setting is no answer
 LONG_S = 1.0  # a run that takes longer is timed once: what disturbs it is a small part of it

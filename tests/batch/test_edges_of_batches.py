@@ -1,4 +1,4 @@
-"""Batches at their edges: what goes to a GPU and comes back, whose pressures are kept, chambers with slow states."""
+"""Batches at their edges: whose pressures are kept, chambers with slow states."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from pliant.actuators import chen2018
-from pliant.batch import gpu, schedule
+from pliant.batch import schedule
 from pliant.batch.batch import initial_state
 from pliant.batch.one_by_one import expanded, sets_of
 from pliant.batch.samples import gather
 from pliant.batch.schedule import Schedule
-from pliant.batch.simd import outputs
 from pliant.batch.stepper import batch_stepper
 from pliant.compiler.simd import WIDTH, aligned
 from pliant.errors import InputError
@@ -19,50 +18,6 @@ from pliant.model import Chamber, Memory, Valve
 from pliant.simulation import Pulse, Stepper, equilibrium
 
 TIMES = np.arange(9) / 100
-
-
-def test_a_launch_takes_the_steps_of_its_samples_and_puts_back_what_it_made(paper, monkeypatch):
-    """Angles of links become those of joints; a sample may fail in its first step."""
-    pytest.importorskip("numba.cuda", reason="the extra 'gpu' is not installed")
-    from pliant.batch import gpu_loops
-
-    models = [paper.with_(stiffness=k, base_angle=0.1, rest_angle=0.02) for k in (1.0, 2.0, 3.0, 4.0)]
-    samples = gather(models, None, 1)
-    pulses = tuple(Pulse(level, 5.02, 0.03) for level in (1e4, 2e4, 3e4, 4e4))
-    plan = Schedule(samples, pulses, TIMES + 5.0, 2e-3)
-    start = np.random.default_rng(1).normal(size=(2, paper.n, 4))
-    own, given = np.array([3, 0, 2]), {}
-
-    def launch(n, arrays, scratch, kept):
-        given.update(zip(("h", "keep", "intervals", "parts", "behind", "which", "law"), arrays, strict=False))
-        given.update(n=n, constants=arrays[7:], scratch=scratch, state=kept[0])
-        assert [a.shape for a in kept[1:]] == [(9, n, 3), (9, n, 3), (9, n, 2, 3), (3,)]
-        assert (kept[4] < 0).all()
-        for a in kept[1:4]:
-            a[...] = np.arange(a.size).reshape(a.shape)
-        kept[4][:] = (-1, 0, 2)
-
-    monkeypatch.setattr(gpu_loops, "launch", launch)
-    made = outputs(samples, 9, ("joint_angle", "joint_rate", "tip_position"))
-    gpu.launch_samples(samples, plan, start, own, made)
-    grid = plan.grid(0)
-    np.testing.assert_array_equal(given["state"], start[..., own])
-    np.testing.assert_array_equal(given["h"], grid.steps[:, 3])
-    np.testing.assert_array_equal(given["intervals"], grid.intervals[:, 3])
-    np.testing.assert_array_equal(given["keep"], grid.keep)
-    np.testing.assert_array_equal(given["parts"], grid.parts)
-    assert given["which"].tolist() == [0, 1, 2]
-    assert given["behind"][:, 3].max(axis=0).tolist() == [4e4, 1e4, 3e4]
-    np.testing.assert_array_equal(given["law"], np.broadcast_to(paper.torque[:, None], (paper.torque.size, 3)))
-    joints = given["constants"][4]
-    np.testing.assert_array_equal(joints[1], np.broadcast_to([4.0, 1.0, 3.0], (paper.n, 3)))
-    angles = np.arange(9 * paper.n * 3).reshape(9, paper.n, 3)
-    turned = np.diff(angles, axis=1, prepend=0.1) - 0.02
-    np.testing.assert_allclose(made["joint_angle"][own], np.moveaxis(turned, -1, 0), atol=1e-12)
-    np.testing.assert_allclose(made["joint_rate"][own], np.moveaxis(np.diff(angles, axis=1, prepend=0.0), -1, 0))
-    tips = np.arange(9 * paper.n * 6).reshape(9, paper.n, 2, 3)
-    np.testing.assert_array_equal(made["tip_position"][own], np.moveaxis(tips, -1, 0))
-    np.testing.assert_allclose(made["failed_at"], [5.0 + given["h"][0], np.nan, 5.0 + given["h"][:3].sum(), np.nan])
 
 
 def test_pressures_behind_valves_are_worked_out_once_where_samples_share_them(paper, monkeypatch):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pliant.batch import gpu, simd
+from pliant.batch import simd
 from pliant.batch.batch import check_choices, check_steps, initial_state, labelled, one_by_one, simulate_batch
 from pliant.batch.one_by_one import check_names, dimensions, samples_alone, sets_of
 from pliant.batch.samples import gather, repeated
@@ -244,32 +244,6 @@ def test_a_schedule_shares_steps_of_inputs_that_jump_at_the_same_times(paper):
     assert Schedule(samples, (Pulse(5e4, -1.0, 9.0),), TIMES, 1e-3).initial(2) == 5e4
 
 
-def test_launches_on_a_gpu_are_parts_of_a_bounded_size(paper, monkeypatch):
-    samples = gather([paper] * 7, None, 1)
-    pulses = tuple(Pulse(1e4, 0.02 if k % 2 else 0.03, 0.03) for k in range(7))
-    plan = Schedule(samples, pulses, TIMES, 2e-3)
-    taken = []
-
-    def march(samples, schedule, start, own, made):
-        taken.append(own.tolist())
-
-    monkeypatch.setattr(gpu, "launch_samples", march)
-    gpu.run_gpu(samples, plan, None, ())
-    assert taken == [[0, 2, 4, 6], [1, 3, 5]]
-    steps = plan.grid(0).keep.size
-    each = 8 * (steps + 4 * paper.n * TIMES.size)  # bytes: torques of the steps, angles, rates and places of the rows
-    for most, parts in ((2 * each + 20, [[0, 2], [4, 6], [1, 3], [5]]), (10, [[0], [2], [4], [6], [1], [3], [5]])):
-        taken.clear()
-        monkeypatch.setattr(gpu, "BYTES", most)
-        gpu.run_gpu(samples, plan, None, ())
-        assert taken == parts
-    assert gpu.inputs(samples, Schedule(samples, pulses[:1], TIMES, 2e-3), np.array([1, 4]))[1].tolist() == [0, 0]
-    behind, which = gpu.inputs(samples, plan, np.array([0, 2]))
-    assert which.tolist() == [0, 1]
-    assert behind.shape[1:] == (4, 2)
-    np.testing.assert_allclose(behind[..., 1], plan.behind(2, shared=False))
-
-
 def test_who_is_marched_alone(paper):
     memory, longer = paper.with_(memory=Memory((0.1,), (1.0,))), paper.with_(extensions=(Extension(50.0),))
     two = paper.with_(chambers=(Chamber([1e-6], name="a"), Chamber([1e-6], name="b")))
@@ -315,8 +289,8 @@ def test_choices_and_labels(paper):
             "unknown variable 'heat': .* can keep joint_angle, joint_rate, tip_position",
         ),
         (((), "cpu", "hide"), "'raise' or 'mark', got 'hide'"),
-        (((), "gpu", "raise"), "needs planar models of one chamber"),
-        (((), "tpu", "raise"), "'cpu' or 'gpu', got 'tpu'"),
+        (((), "gpu", "raise"), "batches on a GPU were removed"),
+        (((), "tpu", "raise"), "device must be 'cpu', got 'tpu'"),
     ):
         with pytest.raises(InputError, match=said):
             check_choices(*given)

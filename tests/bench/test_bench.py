@@ -8,14 +8,10 @@ import sys
 
 import numpy as np
 import pytest
-import typer
 from benchmark_scripts import loaded
-from typer.testing import CliRunner
+from command_line import invoke
 
 from pliant.actuators import chen2018
-from pliant.bench.floor import Floor
-from pliant.bench.run import PARTS, chosen, lines, measure, write
-from pliant.cli.bench import bench
 from pliant.compiler.choose import twin
 from pliant.equations import motion
 from pliant.equations.symbols import Slopes
@@ -23,8 +19,8 @@ from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 
 run = loaded("run")
-batches, methods, problems, race, realtime = (
-    sys.modules[f"speed.{name}"] for name in ("batches", "methods", "problem", "race", "realtime")
+batches, floors, measure, methods, problems, race, realtime = (
+    sys.modules[f"speed.{name}"] for name in ("batches", "floor", "measure", "methods", "problem", "race", "realtime")
 )
 MEANING, TARGET_MM, Problem = run.MEANING, problems.TARGET_MM, problems.Problem
 Method, pliant_extrapolated, pliant_midpoint, scipy_methods = (
@@ -103,18 +99,18 @@ def test_real_time_keeps_count_and_leaves_the_collector_on():
 
 @pytest.mark.slow
 def test_kernels_and_the_file(tmp_path):
-    found = measure(chosen("kernels"))
+    found = measure.measure({"kernels": measure.PARTS["kernels"]})
     assert {"step_ns", "rhs_ns", "rhs_jacobian_ns", "machine", "pliant"} <= set(found)
-    path = write(found, tmp_path / "results" / "bench.json")
+    path = measure.write(found, tmp_path / "results" / "bench.json")
     assert json.loads(path.read_text(encoding="utf-8"))["step_ns"] == found["step_ns"]
-    assert any(line.startswith("  step_ns") for line in lines(found))
+    assert any(line.startswith("  step_ns") for line in measure.lines(found))
     assert {k for k in found if k not in ("machine", "pliant")} <= set(MEANING)
 
 
 def test_the_floor_in_plain_c_does_the_same_mathematics():
     """Written by hand, beside kernels that were recorded from the text: a thousand steps, and every derivative."""
     model = chen2018.model(gravity=[1.0, -9.0], stiffening=-0.3, stiffening_bound=0.7, rest_angle=0.02, base_angle=0.1)
-    floor, n, torque = Floor(model), 5, np.linspace(0.05, 0.08, 5)
+    floor, n, torque = floors.Floor(model), 5, np.linspace(0.05, 0.08, 5)
     if floor.code is None:
         pytest.skip("no C compiler")
     phi, w, a = np.linspace(0.05, 0.25, n), np.linspace(0.1, 1.0, n), np.zeros(n)
@@ -139,18 +135,14 @@ def test_registers_and_memory_are_those_of_the_machine():
     assert 1e8 < batches.bandwidth() < 1e13  # bytes a second: between a memory card and no computer
 
 
-def test_unknown_parts_are_refused():
-    with pytest.raises(InputError, match="kernels, startup"):
-        chosen("speed")
-    assert chosen(None) == PARTS
-    assert set(PARTS) < set(run.NAMES)
+def test_unknown_parts_are_refused(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["run.py", "tempo"])
+    with pytest.raises(SystemExit):
+        run.main()
+    assert "no part 'tempo': use some of kernels, startup" in capsys.readouterr().err
 
 
-def test_the_command_prints_json(monkeypatch, tmp_path):
-    monkeypatch.setitem(PARTS, "startup", lambda: {"help_s": 0.25})  # fresh processes are another test's
-    app = typer.Typer()
-    app.command()(bench)
-    done = CliRunner().invoke(app, ["startup", "--json", "-o", str(tmp_path / "b.json")])
-    assert done.exit_code == 0, done.output
-    assert json.loads(done.stdout.strip().splitlines()[-1])["help_s"] == 0.25
-    assert "help_s" in (tmp_path / "b.json").read_text()
+def test_pliant_has_no_benchmarks_of_its_own():
+    result = invoke("bench")
+    assert result.exit_code == 2
+    assert "No such command 'bench'" in result.output

@@ -18,6 +18,7 @@ from pliant.cli import app
 from pliant.cli.new import new
 from pliant.recording.arrays import ArrayMapping
 from pliant.recording.bag import BagMapping
+from pliant.recording.column_mapping import ColumnMapping
 from pliant.recording.curvature import CurvatureMapping
 from pliant.sensing.cores import Cores
 from pliant.study import load_study
@@ -129,7 +130,7 @@ def test_toml_of_the_data_page_is_what_pliant_takes():
             Recording.model_validate(entry)
         if not {"alignment", "recordings"} & set(part):
             cores = part.pop("cores", None)
-            kinds = {"curvature": CurvatureMapping, "transforms": BagMapping}
+            kinds = {"curvature": CurvatureMapping, "transforms": BagMapping, "stations": ColumnMapping}
             next((kind for key, kind in kinds.items() if key in part), ArrayMapping).model_validate(part)
             if cores is not None:
                 assert Cores.model_validate(cores).layout().radius.size == len(cores["files"])

@@ -97,7 +97,7 @@ def test_what_is_named_exists(page):
 
 
 @pytest.mark.parametrize(("more", "told"), [
-    ("", False), ("`pliant run examples/a.toml` says so.", True), ("```\npliant bench fit\n```", True),
+    ("", False), ("`pliant run examples/a.toml` says so.", True), ("```\npliant order fit\n```", True),
     ("The study says so.", False), ("`tests/a.py` holds it.", True), ("See [below](#b).", False),
 ])  # fmt: skip
 @pytest.mark.parametrize("number", ["It errs by 2.5 % of travel.", "| a | b |\n|---|---|\n| error, mm | 2.5 |"])

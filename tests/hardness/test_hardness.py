@@ -32,9 +32,9 @@ def originals(tools, tmp_path_factory):
     return {o.name: o for o in tools[2].originals(tmp_path_factory.mktemp("originals"))}
 
 
-FAST = ("csv, own", "csv, wide", "csv, Motive", "tsv, Luna", "txt, mapped", "npz", "csv, DeepLabCut", "txt, Kinovea",
-        "txt, Tracker", "csv, angles", "csv, curvature", "lvm, LabVIEW")  # fmt: skip
-HELPED = ("c3d", "nc, own", "nc, foreign", "nc, classic", "mat, plain", "mat, packed", "nc, resealed", "mat, 7.3",
+FAST = ("csv, own", "csv, wide", "csv, Motive", "tsv, Luna", "txt, mapped", "npz", "csv, DeepLabCut",
+        "csv, angles", "csv, curvature", "lvm, LabVIEW")  # fmt: skip
+HELPED = ("c3d", "nc, own", "nc, foreign", "mat, plain", "mat, packed", "nc, resealed", "mat, 7.3",
           "h5, SLEAP", "h5, DeepLabCut table", "h5, DeepLabCut fixed")  # fmt: skip
 
 

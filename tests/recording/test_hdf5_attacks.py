@@ -166,7 +166,7 @@ def test_only_the_helper_opens_hdf5_in_the_whole_package():
     """Files that pliant wrote itself come from anybody, too: results of a run, truths of the test bed."""
     opens = {path.relative_to(SOURCES).as_posix() for path in Path(SOURCES).glob("pliant/**/*.py")
              if OPENS.search(path.read_text(encoding="utf-8"))}  # fmt: skip
-    assert opens == {"pliant/recording/apart_hdf5.py", "pliant/recording/apart_classic.py"}
+    assert opens == {"pliant/recording/apart_hdf5.py"}
 
 
 @pytest.mark.parametrize("attack", [

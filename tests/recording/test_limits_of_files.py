@@ -87,13 +87,6 @@ def test_columns_are_looked_up_in_proportion(tmp_path):
     assert ds.sizes["station"] == len(names)
 
 
-def test_tracks_without_common_times_fill_no_table(tmp_path):
-    rows = [f"# point {k}\n{k} 1 2" for k in range(300)]
-    path = put(tmp_path, "\n".join(["#Kinovea Trajectory data export", "#T X Y", *rows, ""]), "a.txt")
-    with pytest.raises(InputError, match=r"the 300 tracks of a\.txt have hardly any times in common"):
-        read(path, mapping={"length_unit": "mm"})
-
-
 def test_an_npz_takes_no_more_memory_than_its_size_allows(tmp_path):
     path = npz(tmp_path, time=npy((3,)) + bytes(24), other=npy((12_000_000,)) + bytes(96_000_000))
     tracemalloc.start()

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import invoke
 
 from pliant.errors import InputError
 from pliant.recording import make_recording, read, write
-from pliant.recording.netcdf import write_netcdf
+from pliant.recording.netcdf import read_groups, write_netcdf
 from pliant.recording.rules import TEXTS
 
 
@@ -38,10 +40,17 @@ def test_single_precision_comes_back_as_double(recording, tmp_path, compress):
     assert np.array_equal(again["time"], recording["time"])
 
 
-def test_a_classic_file_is_read(tmp_path):
-    ds = make_recording([0, 1, 2], np.ones((3, 2, 3)))
-    ds.to_netcdf(tmp_path / "a.nc", engine="scipy")
-    xr.testing.assert_equal(read(tmp_path / "a.nc"), ds)
+@pytest.mark.parametrize("name", ["a.nc", "a.cdf"])
+def test_a_classic_file_is_refused_with_the_way_out(tmp_path, name):
+    path = tmp_path / name
+    make_recording([0, 1, 2], np.ones((3, 2, 3))).to_netcdf(tmp_path / "classic.nc", engine="scipy")
+    (tmp_path / "classic.nc").rename(path)
+    for reads in (read, read_groups):
+        with pytest.raises(InputError, match=rf"^{name} is a classic netCDF file .*`nccopy -k nc4 {name} NEW.nc`$"):
+            reads(path)
+    result = invoke("inspect", path)
+    assert result.exit_code != 0
+    assert "convert it to netCDF 4" in str(result.exception)
 
 
 def test_a_failed_write_leaves_the_old_file(recording, tmp_path):
@@ -84,10 +93,10 @@ def test_a_dense_shape_in_single_precision(tmp_path):
 
 
 def test_text_in_an_encoding_that_there_is_not_is_refused(tmp_path):
-    make_recording([0, 1, 2], np.ones((3, 2, 3))).to_netcdf(tmp_path / "a.nc", engine="scipy")
-    data = (tmp_path / "a.nc").read_bytes()
-    assert b"utf-8" in data
-    (tmp_path / "a.nc").write_bytes(data.replace(b"utf-8", b"utf.8"))
+    ds = make_recording([0, 1, 2], np.ones((3, 2, 3))).assign(note=("time", [b"a", b"b", b"c"]))
+    ds.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    with h5py.File(tmp_path / "a.nc", "r+") as file:
+        file["note"].attrs["_Encoding"] = "utf.8"
     with pytest.raises(InputError, match=r"a\.nc cannot be read as netCDF; it may be damaged, "
                                          r"so copy it again: unknown encoding"):
         read(tmp_path / "a.nc")
@@ -100,7 +109,7 @@ def test_an_attribute_that_became_an_array_is_refused_in_one_sentence(tmp_path, 
     """Anybody can change a file and write the checksum that fits."""
     ds = make_recording([0, 1], np.ones((2, 1, 2)), frame="planar", angle=np.ones((2, 1)))
     (ds if holder is None else ds[holder]).attrs[name] = np.arange(7)
-    ds.to_netcdf(tmp_path / "a.nc", engine="scipy")
+    ds.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
     where = holder or "the recording"
     with pytest.raises(InputError, match=rf"^the attribute {name} of {where} must be a text, not array[^\n]*$"):
         read(tmp_path / "a.nc")

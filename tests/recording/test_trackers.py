@@ -52,8 +52,8 @@ def test_a_file_that_looks_like_a_trackers_says_so(tmp_path):
     camera = {"camera": {"rate_hz": 30.0, "pixels_per_mm": 2.0}}
     assert read(tmp_path / "points.txt", mapping=camera, format="deeplabcut").sizes["station"] == 1
     assert read(tmp_path / "points.txt", mapping={**camera, "format": "deeplabcut"}).sizes["station"] == 1
-    with pytest.raises(InputError, match="unknown format 'kinvea': use one of deeplabcut"):
-        read(tmp_path / "points.txt", mapping={**camera, "format": "kinvea"})
+    with pytest.raises(InputError, match="unknown format 'deplabcut': use one of deeplabcut"):
+        read(tmp_path / "points.txt", mapping={**camera, "format": "deplabcut"})
     with pytest.raises(InputError, match="repeated column names: net"):
         read(tmp_path / "points.txt", mapping={"format": "deeplabcut"}, format="csv")
     (tmp_path / "notes.csv").write_text("\n".join(["of Monday", *rows]) + "\n")
@@ -106,34 +106,49 @@ def test_sleap_analysis_files(tmp_path: Path) -> None:
     np.testing.assert_allclose(moved, expected() + np.array([0.25, -0.25]), atol=1e-12)
 
 
-def test_tracker_writes_one_file_for_a_point(tmp_path: Path) -> None:
+def test_a_mapping_reads_the_data_table_of_tracker(tmp_path: Path) -> None:
+    """Tracker (physlets.org): the name of the track, then `t x y`; one file for each point, joined as the docs say."""
     place = expected() * 1e2  # cm, as calibrated
     for s, name in enumerate(NAMES):
         rows = [f"{k / 60!r}\t{x!r}\t{y!r}" for k, (x, y) in enumerate(place[:, s].tolist())]
         (tmp_path / f"{name}.txt").write_text("\n".join([name, "t\tx\ty", *rows]) + "\n")
-    (tmp_path / "tip.txt").write_text("\n".join((tmp_path / "tip.txt").read_text().splitlines()[:-1]))
-    ds = read(tmp_path / "base.txt", mapping={"length_unit": "cm", "more": ["mid.txt", "tip.txt"]})
+    one = {"delimiter": "\t", "skip_lines": 1, "header": True, "time": "t", "length_unit": "cm"}
+    ds = read(tmp_path / "tip.txt", mapping={**one, "stations": {"tip": {"position": ["x", "y"]}}})
+    np.testing.assert_allclose(ds["position"].to_numpy()[:, 0, :2], expected()[:, 2], atol=1e-12)
+    (tmp_path / "tip.txt").write_text("\n".join((tmp_path / "tip.txt").read_text().splitlines()[:-1]) + "\n")
+    tables = {n: pd.read_csv(tmp_path / f"{n}.txt", sep="\t", skiprows=1, index_col="t") for n in NAMES}
+    joined = pd.concat([table.add_prefix(f"{n}_") for n, table in tables.items()], axis=1).sort_index()
+    joined.to_csv(tmp_path / "points.csv", index_label="t")
+    stations = {n: {"position": [f"{n}_x", f"{n}_y"]} for n in NAMES}
+    ds = read(tmp_path / "points.csv", mapping={"header": True, "time": "t", "length_unit": "cm", "stations": stations})
     assert ds["station"].to_numpy().tolist() == NAMES
     np.testing.assert_allclose(ds["position"].to_numpy()[:-1, :, :2], expected()[:-1], atol=1e-12)
-    assert np.isnan(ds["position"].to_numpy()[-1, 2]).all()
-    assert "1 points are gaps: not every track has a sample at every time" in ds.attrs["history"]
+    assert np.isnan(ds["position"].to_numpy()[-1, 2, :2]).all()
+    np.testing.assert_allclose(ds["position"].to_numpy()[-1, :2, :2], expected()[-1, :2], atol=1e-12)
 
 
 @pytest.mark.parametrize("comma", [False, True])
-def test_kinovea_writes_all_trajectories_into_one_text(tmp_path: Path, comma: bool) -> None:
-    lines = ["#Kinovea Trajectory data export", "#T X Y", ""]
-    for s, name in enumerate(NAMES):
-        points = path_of()[:, s].tolist()
-        lines += [f"# {name}", *(f"{1000 * k / 60:.9f} {x!r} {y!r}" for k, (x, y) in enumerate(points)), ""]
-    text = "\n".join(lines)
-    (tmp_path / "k.txt").write_text(text.replace(".", ",") if comma else text)
-    ds = read(tmp_path / "k.txt", mapping={"camera": {"pixels_per_mm": 4.0}})
-    assert ds["station"].to_numpy().tolist() == NAMES
-    np.testing.assert_allclose(ds["position"].to_numpy()[..., :2], expected(), atol=1e-12)
+def test_a_mapping_reads_a_trajectory_of_kinovea(tmp_path: Path, comma: bool) -> None:
+    """Kinovea: comments, then `time x y` in ms and pixels. A second trajectory in the file is refused by its line."""
+    def trajectory(s: int) -> list[str]:
+        points = enumerate(path_of()[:, s].tolist())
+        return [f"# {NAMES[s]}", *(f"{1000 * k / 60:.9f} {x!r} {y!r}" for k, (x, y) in points), ""]
+
+    def write(*stations: int) -> Path:
+        lines = ["#Kinovea Trajectory data export", "#T X Y", "", *(line for s in stations for line in trajectory(s))]
+        text = "\n".join(lines)
+        (tmp_path / "k.txt").write_text(text.replace(".", ",") if comma else text)
+        return tmp_path / "k.txt"
+
+    mapping = {"delimiter": "space", "time": 0, "time_unit": "ms", "camera": {"pixels_per_mm": 4.0},
+               "stations": {"tip": {"position": [1, 2]}}}  # fmt: skip
+    ds = read(write(2), mapping=mapping)
+    np.testing.assert_allclose(ds["position"].to_numpy()[:, 0, :2], expected()[:, 2], atol=1e-12)
     np.testing.assert_allclose(ds["time"].to_numpy(), np.arange(20) / 60, atol=1e-8)
-    (tmp_path / "old.txt").write_text("#Kinovea Trajectory data export\n#T X Y\n0:00:00:03 866.00 320.00\n")
-    with pytest.raises(InputError, match="timecodes"):
-        read(tmp_path / "old.txt", mapping={"camera": CAMERA})
+    with pytest.raises(InputError, match=r"line 26 of k\.txt has 2 cell"):
+        read(write(0, 2), mapping=mapping)
+    with pytest.raises(InputError, match="give a mapping that names its columns"):
+        read(write(2))
 
 
 def test_a_plain_table_of_pixels(tmp_path: Path) -> None:

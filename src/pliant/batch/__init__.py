@@ -1,4 +1,4 @@
-"""Batch simulation of many samples on SIMD vectors, all cores or a GPU."""
+"""Batch simulation of many samples on SIMD vectors and all cores."""
 
 from pliant.batch.batch import simulate_batch
 

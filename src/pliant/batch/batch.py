@@ -8,7 +8,6 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 import xarray as xr
 
-from pliant.batch.gpu import check_gpu, run_gpu
 from pliant.batch.one_by_one import VARIABLES, dimensions, expanded, run_alone, samples_alone, sets_of
 from pliant.batch.samples import Samples, gather, initial_values
 from pliant.batch.schedule import Schedule
@@ -81,8 +80,8 @@ def simulate_batch(
         ``joint_angle_x``, ``joint_angle_y`` and, with twist, ``joint_angle_twist``; likewise ``joint_rate``.
     threads : int
         Number of threads; default: one for each core that this process may use. The result does not depend on it.
-    device : {"cpu", "gpu"}, default "cpu"
-        "gpu": an NVIDIA GPU, with the extra ``gpu``; results agree to rounding.
+    device : {"cpu"}, default "cpu"
+        Batches on a GPU were removed: "gpu" is refused.
     failures : {"raise", "mark"}, default "raise"
         If a step of a sample fails: raise an error, or set that sample to NaN and give the time in ``failed_at``.
 
@@ -119,24 +118,19 @@ def simulate_batch(
         many_models, sets = samples_alone(models, sets, parameters)
         variables = expanded(variables, dimensions(many_models[0]))
         check_choices(variables, device, failures, dimensions(many_models[0]))
-        found = run_alone(many_models, sets, times, time_step, {**how, "threads": how["threads"] or cores()})
-        found = {k: found[k] for k in (*variables, "failed_at")}
-        return labelled(many_models[0], times, found, failures, {"step_s": time_step, "device": device})
+        results = run_alone(many_models, sets, times, time_step, {**how, "threads": how["threads"] or cores()})
+        results = {k: results[k] for k in (*variables, "failed_at")}
+        return labelled(many_models[0], times, results, failures, {"step_s": time_step})
     samples = gather(models, parameters, len(sets))
     many = tuple(inputs_of(samples.template, inputs)[0] for inputs in sets)
     if len(many) not in (1, samples.size):
         raise InputError(f"{samples.size} samples need one pressure, or one for each sample, got {len(many)}")
-    if device == "gpu":
-        check_gpu(samples)
-    check_choices(variables, "cpu" if device == "gpu" else device, failures)
+    check_choices(variables, device, failures)
     check_steps(samples, time_step)
     schedule = Schedule(samples, many, times, time_step)
     start = initial_state(samples, schedule, how["initial_angle"], how["initial_rate"])
-    if device == "gpu":
-        results = run_gpu(samples, schedule, start, variables)
-    else:
-        results = run_lanes(samples, schedule, start, variables, how["threads"] or cores())
-    return labelled(samples.template, times, results, failures, {"step_s": time_step, "device": device})
+    results = run_lanes(samples, schedule, start, variables, how["threads"] or cores())
+    return labelled(samples.template, times, results, failures, {"step_s": time_step})
 
 
 def one_by_one(models: Model | Sequence[Model]) -> bool:
@@ -149,15 +143,16 @@ def one_by_one(models: Model | Sequence[Model]) -> bool:
 
 
 def check_choices(variables: Sequence[str], device: str, failures: str, known: Mapping[str, Any] = VARIABLES) -> None:
-    """Raise InputError for unknown variables, an unknown device, or models that a GPU does not support."""
+    """Raise InputError for unknown variables, an unknown device, or an unknown treatment of failures."""
     if unknown := [v for v in variables if v not in known]:
         raise InputError(f"unknown variable {unknown[0]!r}: a batch of these models can keep {', '.join(known)}")
     if failures not in ("raise", "mark"):
         raise InputError(f"failures must be 'raise' or 'mark', got {failures!r}")
     if device == "gpu":
-        raise InputError("a batch on a GPU needs planar models of one chamber and fixed length: use device='cpu'")
+        raise InputError("batches on a GPU were removed from pliant: use device='cpu', which runs on all cores, or a "
+                         "sweep on a cluster")
     if device != "cpu":
-        raise InputError(f"device must be 'cpu' or 'gpu', got {device!r}")
+        raise InputError(f"device must be 'cpu', got {device!r}")
 
 
 def check_steps(samples: Samples, time_step: float) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from pliant.cli.bench import bench
 from pliant.cli.contact import contact
 from pliant.cli.control import control
 from pliant.cli.data import data
@@ -79,7 +78,7 @@ JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # headings of the help, 
         "run": run_command, "figures": figures, "view": view, "design": design, "simulate": simulate, "sweep": sweep,
     },
     "Use the model": {"estimate": estimate, "contact": contact, "control": control, "export": export},
-    "Simulated actuator, benchmarks": {"testbed": run_testbed, "bench": bench},
+    "Simulated actuator": {"testbed": run_testbed},
 }
 COMMANDS = {name: command for panel in JOURNEY.values() for name, command in panel.items()}
 

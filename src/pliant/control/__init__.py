@@ -1,4 +1,4 @@
-"""Controllers that command one or several pressures or tendons: shaping, feedforward, PI-D, linear-quadratic and
+"""Controllers that command one or several pressures or tendons: feedforward, PI-D, linear-quadratic and
 predictive control.
 """
 
@@ -14,7 +14,6 @@ from pliant.control.plan import Plan, SetPoint, Task
 from pliant.control.preparation import Prepared, prepare_control
 from pliant.control.registry import controllers
 from pliant.control.rehearsal import Rehearsal
-from pliant.control.shaping import Shaper, shaper
 from pliant.control.steady_inputs import steady_inputs
 from pliant.control.task import TaskFile, read_task
 from pliant.control.trajectory import Planner, Trajectory
@@ -24,8 +23,8 @@ from pliant.control.valve_states import ValveObserver
 
 __all__ = [
     "Controller", "ControllerKind", "Equilibria", "Feedforward", "Limits", "Lqr", "LqrDesign", "Mpc", "MpcTuning",
-    "Pid", "PidTuning", "Pipeline", "Plan", "Planner", "Prepared", "Rehearsal", "SetPoint", "Shaper", "SupplyValve",
+    "Pid", "PidTuning", "Pipeline", "Plan", "Planner", "Prepared", "Rehearsal", "SetPoint", "SupplyValve",
     "Task", "TaskFile", "Trajectory", "Tuning", "ValveFit", "ValveObserver", "ValveRun", "controllers", "design_lqr",
-    "design_outputs", "equilibria", "identify_valve", "prepare_control", "read_task", "shaper", "steady_inputs",
+    "design_outputs", "equilibria", "identify_valve", "prepare_control", "read_task", "steady_inputs",
     "supply_of", "valve_response",
 ]

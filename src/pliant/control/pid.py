@@ -10,7 +10,6 @@ from pliant.control.contract import ControllerKind
 from pliant.control.feedforward import Feedforward
 from pliant.control.limits import Limits
 from pliant.control.plan import Plan
-from pliant.control.shaping import shaper
 from pliant.control.tuning import PidTuning
 from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import frozen
@@ -91,8 +90,7 @@ class PidControl:
         self._impulses = [(1.0, 0.0)]
         if plan.task.planned:
             frequency, damping = (float(row[0]) for row in modes(frozen(plan.body, 0.5)))
-            made = shaper(frequency, damping, "ZVD")
-            self._impulses = list(zip(made.amplitude, made.time, strict=True))
+            self._impulses = impulses(frequency, damping)
         self.pid = Pid(plan.task.pid, plan.limits, plan.period)
         self.forward = Feedforward(plan.body, plan.limits.highest)
         self._still = self.forward.equilibria.tip[0]
@@ -121,6 +119,28 @@ class PidControl:
         self._moved = float(np.linalg.norm(mechanics_of(self.model).tips(state.angle)[-1] - self._still))
         feedforward = self.forward.pressure(self.target, self.pid.period)
         return np.array([self.pid.step(self.target, self._moved, feedforward)])
+
+
+def impulses(frequency: float, damping: float) -> list[tuple[float, float]]:
+    """Return three impulses (fraction, time [s]) into which a set-point is split, so that it does not excite a
+    vibration mode of undamped `frequency` [Hz] and ratio `damping` (ZVD shaping).
+
+    Source: Singer and Seering, J. Dyn. Sys. Meas. Control 112(1), 1990
+
+    Raises
+    ------
+    InputError
+        When the mode is not oscillatory.
+    """
+    if not (np.isfinite(frequency) and frequency > 0 and 0 <= damping < 1):
+        raise InputError(
+            f"a shaped set-point needs a positive frequency (Hz) and a damping ratio in 0 ... 1, got {frequency} and "
+            f"{damping}: set planned = false in the task"
+        )
+    root = np.sqrt(1 - damping**2)
+    decay = np.exp(-damping * np.pi / root)
+    fractions = np.array([1.0, 2 * decay, decay**2]) / (1 + decay) ** 2
+    return [(float(a), k * 0.5 / (frequency * root)) for k, a in enumerate(fractions)]
 
 
 CONTROLLER = ControllerKind("pid", PidControl, follows="levels", tunable=False, several=False)

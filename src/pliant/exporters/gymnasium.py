@@ -1,7 +1,5 @@
 """Gymnasium environments for learning to control the tip of a model: ``pliant/Reach-v0`` and ``pliant/Track-v0``.
 
-With MuJoCo there is also ``pliant/Push-v0``.
-
 Importing this module registers them. A model is a `Model` or a model file. If its fit is given, every episode uses
 another body, drawn from the fit's covariance. ``gymnasium.make_vec`` constructs one batch of the requested number of
 bodies, which are simulated together by SIMD instructions; Python handles whole arrays.
@@ -85,7 +83,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self.model = planar_model(model)
         self.num_envs, self.fit, self.moving, self.render_mode = num_envs, fit, moving, render_mode
         self.task = checked_task(task or EpisodeTask())
-        self.highest = highest_pressure(self.model, highest, "reaches no target")
+        self.highest = highest_pressure(self.model, highest)
         n, C, t = self.model.n, self.model.actuation.count, self.task
         self.single_action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
         self.single_observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 4 + C,), np.float32)
@@ -244,21 +242,21 @@ def alone(info: dict[str, Any]) -> dict[str, Any]:
 
 def planar_model(model: Model | str | Path) -> Model:
     """Return a planar model, or that of a model file; raise InputError if the body moves in space."""
-    found = model_of(model)
-    require_planar(found, "an environment of Gymnasium")
-    return found
+    planar = model_of(model)
+    require_planar(planar, "an environment of Gymnasium")
+    return planar
 
 
-def highest_pressure(model: Model, highest: float, fails: str) -> float:
+def highest_pressure(model: Model, highest: float) -> float:
     """Return the highest pressure [Pa] of an environment: `highest` or, if it is 0, twice the model's typical pressure.
-    Raise InputError if pressure does not bend the model, so that it `fails`.
+    Raise InputError if pressure does not bend the model.
     """
-    found = highest or 2.0 * typical_pressure(model)
-    if not found > 0:
+    pressure = highest or 2.0 * typical_pressure(model)
+    if not pressure > 0:
         raise InputError(
-            f"pressure does not bend this model, so that it {fails}: use a model whose chambers have a torque"
+            "pressure does not bend this model, so that it reaches no target: use a model whose chambers have a torque"
         )
-    return found
+    return pressure
 
 
 def on_curve(curve: Array, phase: float | Array) -> Array:
@@ -297,4 +295,3 @@ for _name, _moving in (("Reach", False), ("Track", True)):
         f"pliant/{_name}-v0", "pliant.exporters.gymnasium:TipEnv", kwargs={"moving": _moving},
         vector_entry_point="pliant.exporters.gymnasium:TipVectorEnv",
     )
-gymnasium.register("pliant/Push-v0", "pliant.exporters.gymnasium_push:PushEnv")

@@ -43,7 +43,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
 
     Parameters
     ----------
-    kind : {"hdf5", "c3d", "classic", "mat5", "tdms", "bag"}
+    kind : {"hdf5", "c3d", "mat5", "tdms", "bag"}
         Key of `pliant.recording.apart_worker.READ`, which selects the library.
     path : Path
     what : str

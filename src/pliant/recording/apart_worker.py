@@ -24,7 +24,6 @@ Content = tuple[dict[str, np.ndarray], dict[str, Any]]
 READ = {  # kind of file -> module with `read(path)`; a module loads its library when it is imported
     "hdf5": "pliant.recording.apart_hdf5",
     "c3d": "pliant.recording.apart_c3d",
-    "classic": "pliant.recording.apart_classic",
     "mat5": "pliant.recording.apart_mat5",
     "tdms": "pliant.recording.apart_tdms",
     "bag": "pliant.recording.apart_bag",

@@ -1,4 +1,4 @@
-"""Read and write recordings as netCDF 4 (HDF5), and read classic netCDF files.
+"""Read and write recordings as netCDF 4 (HDF5). Classic netCDF files (version 3) are refused.
 
 A file that pliant writes ends in a checksum of its bytes. The checksum detects damage and proves no origin, so every
 file is read in a separate process.
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
+CLASSIC = b"CDF"  # first bytes of a classic netCDF file
 BROKEN_FILE = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, NotImplementedError,
                ArithmeticError, MemoryError)  # fmt: skip
 
@@ -31,12 +32,10 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
     """Read a recording from a netCDF file that pliant wrote; arrays stored as float32 are returned as float64."""
     if mapping:
         raise InputError(f"{path.name} is netCDF, which needs no mapping: remove the mapping")
-    with path.open("rb") as file:
-        classic = file.read(3) == b"CDF"
     if is_sealed(path) is False:
         raise InputError(f"{path.name} is damaged: its checksum is not the one that it was written with; copy the "
                          "file again")
-    loaded = _decoded("classic" if classic else "hdf5", path)["/"]
+    loaded = _decoded(path)["/"]
     if loaded.attrs.get("schema") is None:
         names = ", ".join(map(str, loaded.variables)) or "nothing"
         raise InputError(f"{path.name} is netCDF, but not a recording that pliant wrote: build a recording from its "
@@ -56,14 +55,18 @@ def read_groups(path: Path) -> dict[str, xr.Dataset]:
         When the file does not exist, is not netCDF, is damaged, or links to other files.
     """
     try:
-        return _decoded("hdf5", path)
+        return _decoded(path)
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
 
 
-def _decoded(kind: str, path: Path) -> dict[str, xr.Dataset]:
+def _decoded(path: Path) -> dict[str, xr.Dataset]:
     """Return the groups of a file by path, read through a separate process, with the variables decoded."""
-    arrays, facts = read_apart(kind, path, "netCDF")
+    with path.open("rb") as file:
+        if file.read(len(CLASSIC)) == CLASSIC:
+            raise InputError(f"{path.name} is a classic netCDF file (version 3), which pliant does not read: convert "
+                             f"it to netCDF 4, for example by `nccopy -k nc4 {path.name} NEW.nc`")
+    arrays, facts = read_apart("hdf5", path, "netCDF")
     import xarray as xr  # not before: it is imported while the helper reads
 
     try:
@@ -73,8 +76,8 @@ def _decoded(kind: str, path: Path) -> dict[str, xr.Dataset]:
             variables[group][short] = xr.Variable(dims, arrays[key], _attributes(attrs))
         return {
             f"/{group}": xr.decode_cf(
-                xr.Dataset(held, attrs=_attributes(facts["groups"][group])), decode_times=False).load()
-            for group, held in variables.items()
+                xr.Dataset(members, attrs=_attributes(facts["groups"][group])), decode_times=False).load()
+            for group, members in variables.items()
         }  # fmt: skip
     except BROKEN_FILE as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
@@ -141,4 +144,4 @@ def _in_memory(recording: xr.Dataset) -> xr.Dataset:
     return recording
 
 
-READER = Reader("netcdf", ENDINGS["netcdf"], read_netcdf, begins_with(b"\x89HDF\r\n\x1a\n", b"CDF"))
+READER = Reader("netcdf", ENDINGS["netcdf"], read_netcdf, begins_with(b"\x89HDF\r\n\x1a\n", CLASSIC))

@@ -46,8 +46,6 @@ BUILT_IN = {  # name -> the reader and the endings of its files: only readers of
     "bag": ("pliant.recording.bag:READER", (".mcap", ".db3")),
     "luna": ("pliant.recording.luna:READER", (".tsv", ".txt")),
     "motive": ("pliant.recording.motive:READER", (".csv",)),
-    "tracker": ("pliant.recording.point_files:TRACKER", (".txt", ".csv", ".tsv")),
-    "kinovea": ("pliant.recording.point_files:KINOVEA", (".txt",)),
     "angles": ("pliant.recording.angle_log:READER", (".csv", ".txt", ".tsv", ".log", ".dat")),
     "csv": ("pliant.recording.wide_csv:READER", (".csv", ".tsv")),  # last: reads any other table
 }
@@ -55,7 +53,6 @@ ENDINGS = {name: endings for name, (_, endings) in BUILT_IN.items()}
 
 MARKS = {  # words anywhere in the first bytes that show which program wrote a file
     "deeplabcut": (b"scorer", b"bodyparts", b"coords"),
-    "kinovea": (b"#kinovea",),
     "sleap": (b"track_occupancy",),
     "motive": (b"format version", b"rigid body"),
 }

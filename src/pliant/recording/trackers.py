@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
 
 from pliant.errors import InputError, inside
 from pliant.recording.camera import Camera, in_plane, with_z
-from pliant.recording.clock import SECONDS
 from pliant.recording.mapping import FileMapping
 from pliant.recording.schema import make_recording
 from pliant.units import metre_per
@@ -40,10 +39,6 @@ class TrackerMapping(FileMapping):
         Name of the animal or track to read, where there are several.
     stations : list of str, optional
         Points to read, from base to tip. Default: all, in the order of the file.
-    time_unit : {"s", "ms"}, optional
-        Unit of the times in the file.
-    more : tuple of str
-        Further files with one point each, for trackers that write one file per point.
     """
 
     camera: Camera | None = None
@@ -51,12 +46,10 @@ class TrackerMapping(FileMapping):
     likelihood: float = Field(default=LIKELY, ge=0, le=1)
     individual: str | None = None
     stations: list[str] | None = None
-    time_unit: Literal["s", "ms"] | None = None
-    more: tuple[str, ...] = ()
 
 
 def tracked(
-    path: Path, options: TrackerMapping, names: Sequence[str], points: NDArray, *, time: NDArray | None = None,
+    path: Path, options: TrackerMapping, names: Sequence[str], points: NDArray, *,
     likelihood: NDArray | None = None, history: Sequence[str] = (),
 ) -> xr.Dataset:
     """Convert points (T, S, 2) of S stations over T frames, in pixels or in the tracker's unit, to a recording. Points
@@ -65,8 +58,6 @@ def tracked(
     Parameters
     ----------
     names : S names
-    time : array (T,), s, optional
-        Default: frames at the camera's rate.
     likelihood : array (T, S), optional
     """
     history = list(history)
@@ -79,8 +70,8 @@ def tracked(
     names, points = chosen(names, points, options, path.name)
     position, how = in_metres(points, options, path)
     with inside(path.name):
-        return make_recording(frames(len(points), options, path.name) if time is None else time, position,
-                              station=list(names), history=[*history, how])  # fmt: skip
+        return make_recording(frames(len(points), options, path.name), position, station=list(names),
+                              history=[*history, how])  # fmt: skip
 
 
 def chosen(
@@ -112,8 +103,8 @@ def in_metres(points: NDArray, options: TrackerMapping, path: Path) -> tuple[NDA
         )
     if options.camera is not None:
         return in_plane(points, options.camera, path.parent)
-    place = with_z(points * metre_per(str(options.length_unit)))
-    return place, f"lengths in {options.length_unit}, y upward, as calibrated"
+    position = with_z(points * metre_per(str(options.length_unit)))
+    return position, f"lengths in {options.length_unit}, y upward, as calibrated"
 
 
 def frames(count: int, options: TrackerMapping, file: str) -> NDArray:
@@ -124,10 +115,3 @@ def frames(count: int, options: TrackerMapping, file: str) -> NDArray:
     if rate is None:
         raise InputError(f"{file} has no times: set rate_hz in [camera] to the frame rate of the video")
     return np.arange(count) / rate
-
-
-def seconds(ticks: NDArray, options: TrackerMapping, usual: str) -> NDArray:
-    """Convert the times `ticks` of a tracker file to seconds. Their unit is the one in the options or, if the options
-    state none, `usual`.
-    """
-    return np.asarray(ticks * SECONDS[options.time_unit or usual])

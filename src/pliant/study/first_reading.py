@@ -14,7 +14,7 @@ from pliant.recording import read, readers
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
 from pliant.sensing import read_shape
 
-TRACKERS = ("deeplabcut", "sleap", "tracker", "kinovea")
+TRACKERS = ("deeplabcut", "sleap")
 MADE_UP = {"rate_hz": 30.0, "pixels_per_mm": 1.0}
 UNITS = {"angle_unit": "deg", "pressure_unit": "kPa"}
 

@@ -7,9 +7,6 @@ from time import process_time
 import numpy as np
 
 from pliant.actuators import chen2018
-from pliant.bench import kernel_loops
-from pliant.bench.floor import floor
-from pliant.bench.timing import best
 from pliant.equations import motion
 from pliant.equations.symbols import Slopes
 from pliant.mechanics import mechanics_of
@@ -17,6 +14,9 @@ from pliant.model import Model
 from pliant.simulation import Pulse, state
 from pliant.simulation.drive import drive
 from pliant.simulation.initial_value import march
+from speed import kernel_loops
+from speed.floor import floor
+from speed.timing import best
 
 CALLS = 20_000
 TORQUE = 0.0793  # N m, the paper's at 119 kPa

@@ -1,4 +1,4 @@
-"""The parts of `pliant bench`: compiled kernels and start-up times, and output of their results as text or JSON."""
+"""Parts of the benchmark that need no other program: compiled kernels and start-up times; results as text or JSON."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from pliant.bench.kernels import kernels
-from pliant.bench.timing import machine
-from pliant.errors import InputError
 from pliant.files import write_text
 from pliant.version import __version__
+from speed.kernels import kernels
+from speed.timing import machine
 
 Part = Callable[[], dict[str, Any]]
 FIRST = (
@@ -55,7 +54,7 @@ def fresh(command: list[str], cache: str | None = None) -> float:
     """Return the wall time [s] of a command in a new process; `cache` is the folder of Numba's cache."""
     environment = {**os.environ, **({"NUMBA_CACHE_DIR": cache} if cache else {})}
     start = perf_counter()
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)  # noqa: S603
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     seconds = perf_counter() - start
     if done.returncode:
         raise RuntimeError(f"{' '.join(command)[:80]} failed: {done.stderr[-500:]}")
@@ -94,26 +93,15 @@ def measure(
     return results
 
 
-def chosen(name: str | None) -> dict[str, Part]:
-    """Return {name: function} for the part `name` of the benchmark, or for all parts if `name` is None. An unknown name
-    raises InputError.
-    """
-    if name is None:
-        return PARTS
-    if name not in PARTS:
-        raise InputError(f"unknown part {name!r} of the benchmark: use one of {', '.join(PARTS)}")
-    return {name: PARTS[name]}
-
-
 def lines(numbers: Mapping[str, Any], meaning: Mapping[str, str] = MEANING) -> list[str]:
     """Return the lines of the printed table: name, value and meaning of each number."""
-    return [f"  {name:<30} {shown(value):<12} {meaning.get(name, '')}".rstrip() for name, value in numbers.items()]
+    return [f"  {name:<30} {as_text(value):<12} {meaning.get(name, '')}".rstrip() for name, value in numbers.items()]
 
 
-def shown(value: Any) -> str:
+def as_text(value: Any) -> str:
     """Return a number as text with four digits; for a dictionary, its numbers in one line."""
     if isinstance(value, dict):
-        return ", ".join(f"{k} {shown(v)}" for k, v in value.items())
+        return ", ".join(f"{k} {as_text(v)}" for k, v in value.items())
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

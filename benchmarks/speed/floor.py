@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from pliant.bench.timing import best
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from speed.timing import best
 
 Array = np.ndarray
 LINKS = 5
@@ -37,7 +37,7 @@ def library() -> Any:
         return None
     with tempfile.TemporaryDirectory() as folder:
         binary = Path(folder) / "floor.so"
-        done = subprocess.run(  # noqa: S603  a compiler of this machine, on a file of this package
+        done = subprocess.run(
             [compiler, *FLAGS, str(SOURCE), "-o", str(binary), "-lm"], capture_output=True, check=False
         )
         return ctypes.CDLL(str(binary)) if done.returncode == 0 else None
