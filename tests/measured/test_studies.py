@@ -116,7 +116,7 @@ def test_pulses_last_about_three_seconds(arm: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("record", ["alone", "load52"])
 def test_one_stiffness_and_damping_follow_both_loads(beam: dict[str, Any], record: str) -> None:
-    """And a slow hand, creep and softening do better than what lets go at once, in error and in frequency."""
+    """And a slow hand and creep do better than what lets go at once, in error and in frequency."""
     m, at_once = (beam["fits"][fit]["records"][record] for fit in ("hand", "both"))
     off = [abs(r["frequency_hz"]["modelled"] / r["frequency_hz"]["measured"] - 1.0) for r in (m, at_once)]
     assert off[0] < 0.03
@@ -127,7 +127,7 @@ def test_one_stiffness_and_damping_follow_both_loads(beam: dict[str, Any], recor
 
 
 @pytest.mark.parametrize(("fit", "record", "most"), [("hand_heavier", "load52", 8), ("hand_lighter", "alone", 8),
-                                                     ("heavier", "load52", 15)])  # fmt: skip
+                                                     ("heavier", "load52", 9)])  # fmt: skip
 def test_one_load_predicts_the_other(beam: dict[str, Any], fit: str, record: str, most: float) -> None:
     m = beam["fits"][fit]["records"][record]
     assert m["role"] == "held_out"
@@ -136,11 +136,19 @@ def test_one_load_predicts_the_other(beam: dict[str, Any], fit: str, record: str
 
 
 def test_creep_and_a_slow_hand_earn_on_a_load_that_they_have_not_seen(beam: dict[str, Any]) -> None:
+    """A tenth of the error, more than half of the error of the deflection; every term is determined or has a prior."""
     with_them, without = (beam["fits"][fit]["records"]["load52"] for fit in ("hand_heavier", "heavier"))
-    assert with_them["rmse_percent_of_travel"] < 0.75 * without["rmse_percent_of_travel"]
+    assert with_them["rmse_percent_of_travel"] < 0.9 * without["rmse_percent_of_travel"]
     drops = (m["steady_state_mm"] for m in (with_them, without))
     off = [abs(drop["modelled"] / drop["measured"] - 1.0) for drop in drops]
     assert off[0] < 0.5 * off[1]
+
+
+@pytest.mark.parametrize("fit", ["hand", "hand_heavier", "hand_lighter", "both", "nominal", "heavier"])
+def test_the_recordings_or_a_stated_prior_determine_each_term_of_the_beam(beam: dict[str, Any], fit: str) -> None:
+    for name, p in beam["fits"][fit]["parameters"].items():
+        if p["free"] and p["prior_std"] is None:
+            assert p["std"] < 0.5 * abs(p["value"]), name
 
 
 def test_a_load_that_was_never_hung_on_is_forecast(beam: dict[str, Any]) -> None:

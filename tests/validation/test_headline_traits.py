@@ -42,6 +42,16 @@ def test_an_over_damped_return_after_a_delay_does_not_oscillate(rng, delay, nois
     assert ring_down(T, u) is None
 
 
+def test_a_body_that_swings_back_after_a_fall_without_a_sine_oscillates():
+    """The recording ends soon after a chamber has emptied: a monotone sequence is nearer than sine and return."""
+    t = np.arange(0.0, 0.43, 0.01)
+    after = np.maximum(t - 0.16, 0.0)
+    swing = np.where(t < 0.16, 0.0, np.exp(-3.0 * after) * np.sin(2 * np.pi * 8.0 * after))
+    fall = 0.026 * np.sin(0.5 * np.pi * np.minimum(t / 0.16, 1.0))
+    assert ring_down(t, fall - 2e-3 * swing).frequency == pytest.approx(8, rel=0.1)
+    assert ring_down(t, fall) is None
+
+
 def test_vibration_of_the_rig_is_no_ring_down():
     assert ring_down(T, 0.03 * np.exp(-T / 0.2) + 2e-4 * np.sin(2 * np.pi * 4.81 * T)) is None
     assert ring_down(T, 0.03 * np.exp(-T) * np.cos(2 * np.pi * 4.81 * T)).frequency == pytest.approx(4.81, rel=1e-3)

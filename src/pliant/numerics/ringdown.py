@@ -78,8 +78,8 @@ def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
     signal does not clearly oscillate.
 
     None is returned if the sine explains too little of the signal, the signal spans less than two periods, the damping
-    is too strong, the motion does not turn back, or a motion that never turns back explains the signal as well, such as
-    the return of an over-damped body after a delay. `decay_basis` explains x.
+    is too strong, the motion does not turn back, or the signal does not swing back and a motion that never turns back
+    explains it as well, such as the return of an over-damped body after a delay. `decay_basis` explains x.
     """
     omega, sigma = np.exp(x[0]), np.exp(x[1])
     basis = decay_basis(x, t)
@@ -97,9 +97,22 @@ def oscillation(x: Array, t: Array, y: Array) -> RingDown | None:
         return None
     ratio = float(sigma / np.hypot(sigma, omega))
     squares = float(left @ left)
-    if ratio > MOST_DAMPED or monotone_squares(y) - squares < BEYOND_MONOTONE * squares / y.size:
+    monotone = monotone_squares(y) - squares < BEYOND_MONOTONE * squares / y.size
+    if ratio > MOST_DAMPED or (monotone and not swings_back(t, y)):
         return None
     return RingDown(frequency, ratio, float(np.hypot(weights[0], weights[1])), explained)
+
+
+def swings_back(t: Array, y: Array) -> bool:
+    """Return whether a signal y (T,) at times t (T,) [s] turns back at least twice, clear of noise and by the swing of
+    the smallest sine that counts. A monotone sequence does not describe such a signal, however badly a sine fits it.
+    """
+    return turning_points(t, y, max(NOISE * noise_of(y), 2.0 * LEAST_AMPLITUDE * float(np.ptp(y))))[0].size > 2
+
+
+def noise_of(y: Array) -> float:
+    """Return the standard deviation of white noise on a smooth signal y (T,), from its second differences."""
+    return float(np.median(np.abs(np.diff(y, 2)))) / 0.6745 / float(np.sqrt(6.0))
 
 
 def monotone_squares(y: Array) -> float:
@@ -204,8 +217,7 @@ def swings(time: Array, signal: Array) -> tuple[Swings, Swings]:
     t, y = np.asarray(time, dtype=float), np.asarray(signal, dtype=float)
     if t.size < 16 or np.ptp(y) == 0:
         return NONE, NONE
-    noise = float(np.median(np.abs(np.diff(y, 2)))) / 0.6745 / np.sqrt(6.0)
-    at, value = turning_points(t, y, max(NOISE * noise, LEAST_SWING * float(np.ptp(y))))
+    at, value = turning_points(t, y, max(NOISE * noise_of(y), LEAST_SWING * float(np.ptp(y))))
     way = np.abs(np.diff(value))
     if way.size == 0:
         return NONE, NONE
