@@ -1,114 +1,103 @@
-"""Where a fit begins: near enough to the truth, read off the recording alone."""
+"""A recording that begins in mid-motion starts from the pose and the rates of its first frames."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from pliant.identification import Experiment, Parameter, experiment
-from pliant.identification.edges import edges
-from pliant.identification.initial_guess import estimate, free_decay, last_jump
-from pliant.model import Model, Valve, chain_model
-from pliant.preprocessing.align import align
-from pliant.preprocessing.clusters import assemble
-from pliant.recording import read
-from pliant.simulation import Trace, modes
+from pliant.errors import InputError
+from pliant.identification import Experiment, fit
+from pliant.identification.prediction import predict
+from pliant.identification.sensitivity import sensitivities
+from pliant.identification.starts import Moving, Rest, begins_in_motion, first_motion, start_note
+from pliant.model import Extension, Model, Station, chain_model
+from pliant.simulation import Trace
+
+BODIES = [(False, False), (False, True), (True, False), (True, True)]
+STATIONS = ("mid", "tip")
+NOISE = 2e-5  # m
+TIME = np.arange(0.0, 2.5, 0.01)
+PUSH = Trace(TIME, 3e4 * (1 + np.sin(4.4 * TIME)) * np.minimum(TIME / 0.3, 1.0))
 
 
-def start_of(model: Model, exp: Experiment | list[Experiment], *names: str | Parameter) -> dict[str, float]:
-    """Estimated values by name."""
-    listed = [Parameter(n) if isinstance(n, str) else n for n in names]
-    _, filled = estimate(model, exp if isinstance(exp, list) else [exp], listed)
-    return {p.name: float(p.value) for p in filled if p.value is not None}
+def body(space: bool, lengthens: bool) -> Model:
+    model = chain_model(length=0.3, mass=0.1, damping=4e-3, stiffness=0.1, links=3, torque=[1e-6], space=space)
+    ends = [float(length) for length in model.link_length]
+    return model.with_(extensions=(Extension(50.0, 1.0),) if lengthens else (),
+                       stations=(Station("mid", 1, ends[1]), Station("tip", 2, ends[2])))  # fmt: skip
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-4])
-def test_edges_show_in_the_motion(truth: Model, pulse: Any, rng: np.random.Generator, noise: float) -> None:
-    quick = truth.with_(valve=Valve())
-    exp = pulse(quick, stop=0.7512, times=np.arange(0, 1.2, 0.01))
-    found = edges(replace(exp, position=exp.position + noise * rng.standard_normal(exp.position.shape)))
-    assert found["start"] == pytest.approx(0.1234, abs=0.03)
-    assert found["stop"] == pytest.approx(0.7512, abs=0.05)
+def recorded(model: Model, first: int, noise: float = NOISE) -> tuple[Experiment, np.ndarray]:
+    """A recording of a motion from frame `first` on, and its true positions."""
+    blank = np.random.default_rng(0).normal(size=(TIME.size, 2, 3 if model.space else 2))
+    whole = Experiment("late", TIME, blank, STATIONS, "trace", PUSH)
+    true = predict(model, whole, {}, 1e-3)["position"][first:]
+    noisy = true + noise * np.random.default_rng(1).normal(size=true.shape)
+    return Experiment("late", TIME[first:], noisy, STATIONS, "trace", PUSH), true
 
 
-def test_a_release_shows_in_the_motion(truth: Model, released: Any) -> None:
-    assert edges(released(truth.with_(gravity=[4.0, 0.0])))["release"] == pytest.approx(0.2071, abs=0.04)
+@pytest.mark.parametrize(("space", "lengthens"), BODIES)
+def test_a_motion_is_predicted_from_the_state_of_its_first_frames(space: bool, lengthens: bool) -> None:
+    model = body(space, lengthens)
+    exp, true = recorded(model, 110)
+    assert begins_in_motion(exp)
+    errors = {}
+    for start in (Rest(), Moving()):
+        off = np.linalg.norm(predict(model, replace(exp, start=start), {}, 1e-3)["position"] - true, axis=2)
+        errors[start.from_rest] = float(np.sqrt(np.mean(off**2)))
+    assert errors[False] < 0.05 * errors[True]
 
 
-def test_a_trace_needs_no_edges_but_its_last_jump_starts_the_decay(truth: Model, traced: Any) -> None:
-    exp = traced(truth)
-    assert edges(exp) == {}
-    assert 0.5 <= last_jump(exp) <= 0.52
-    noise = 200.0 * np.random.default_rng(3).standard_normal(400)
-    clock = np.linspace(0, 1, 400)
-    noisy = replace(exp, pressure=Trace(clock, exp.pressure(clock) + noise))
-    assert 0.49 <= last_jump(noisy) <= 0.53
+@pytest.mark.parametrize(("space", "lengthens"), BODIES)
+def test_derivatives_include_those_of_the_start(space: bool, lengthens: bool) -> None:
+    model = body(space, lengthens)
+    exp = replace(recorded(model, 110)[0], start=Moving())
+    values = {"stiffness": 0.1, "damping": 4e-3} | ({} if space else {"torque_1": 1e-6})
+    slopes = sensitivities(model, exp, values, values, 1e-3)[1]
+    for (name, value), slope in zip(values.items(), slopes, strict=True):
+        step = 1e-4 * value
+        ends = [sensitivities(model, exp, values | {name: value + side * step}, {}, 1e-3)[0] for side in (1, -1)]
+        by_differences = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(slope, by_differences, atol=1e-5 * float(np.abs(by_differences).max()))
 
 
-def test_stiffness_and_damping_come_from_the_ring_down(truth: Model, traced: Any) -> None:
-    exp = traced(truth, times=np.arange(0, 1.5, 0.01))
-    ring = free_decay(exp)
-    assert ring is not None
-    far = truth.with_(stiffness=20.0, damping=0.5)
-    found = start_of(far, exp, "stiffness", "damping")
-    assert found["stiffness"] == pytest.approx(0.9, rel=0.05)
-    assert found["damping"] == pytest.approx(6e-3, rel=0.3)
-    each = start_of(far, exp, "stiffness_1", "stiffness_3", "damping_2", "t.stiffness")
-    assert [each[n] for n in ("stiffness_1", "stiffness_3", "t.stiffness")] == [found["stiffness"]] * 3
-    assert each["damping_2"] == found["damping"]
+def test_a_fit_finds_the_parameters_of_a_recording_that_begins_in_motion() -> None:
+    model = body(False, False)
+    exp = recorded(model, 110)[0]
+    wrong = {}
+    for start in (Rest(), Moving()):
+        result = fit([replace(exp, start=start)], model, ["damping", "torque_1"], starts=1, time_step=2e-3, rng=0)
+        wrong[start.from_rest] = abs(result.values["damping"] / 4e-3 - 1.0)
+    assert wrong[False] < 0.03 < wrong[True]
 
 
-def test_a_known_load_is_counted_in_the_start(truth: Model, released: Any) -> None:
-    hanging = truth.with_(gravity=[6.0, 0.0])
-    loaded = released(hanging, known={"tip_mass": 0.03})
-    assert start_of(hanging.with_(stiffness=5.0), loaded, "stiffness")["stiffness"] == pytest.approx(0.9, rel=0.1)
+def test_a_recording_that_begins_at_rest_is_not_taken_for_a_motion() -> None:
+    model = body(False, False)
+    exp = recorded(model, 0)[0]
+    still = replace(exp, position=np.concatenate([np.repeat(exp.position[:1], 40, axis=0), exp.position[:-40]]))
+    rng = np.random.default_rng(2)
+    noises = NOISE * rng.normal(size=(50, *still.position.shape))
+    assert not any(begins_in_motion(replace(still, position=still.position + noise)) for noise in (0.0, *noises))
+    assert start_note(still) == ""
+    begun = replace(exp, position=np.roll(still.position, -37, axis=0)[:-40], time=exp.time[:-40])  # 3 frames at rest
+    assert not begins_in_motion(begun)
 
 
-def test_torque_comes_from_the_plateaus(truth: Model, traced: Any) -> None:
-    curved = truth.with_(torque=[3e-7, 3e-12])
-    exps = [traced(curved, "low", 6e4), traced(curved, "high", 1.5e5)]
-    blank = truth.with_(torque=[0.0])
-    found = start_of(blank, exps, "torque_1", "torque_2")
-    assert found == pytest.approx({"torque_1": 3e-7, "torque_2": 3e-12}, rel=0.2)
-    given = start_of(blank, exps, Parameter("torque_1", 3e-7, free=False), "torque_2")
-    assert given["torque_2"] == pytest.approx(3e-12, rel=0.2)
+def test_repeated_frames_of_a_slow_tracker_and_gaps_do_not_change_the_first_motion() -> None:
+    exp = recorded(body(False, False), 110, noise=0.0)[0]
+    position = np.repeat(exp.position[::2], 2, axis=0)
+    position[:2] = np.nan
+    slow = replace(exp, position=position)
+    assert begins_in_motion(slow)
+    speed = first_motion(exp).velocity
+    np.testing.assert_allclose(first_motion(slow).velocity, speed, atol=0.2 * float(np.abs(speed).max()))
 
 
-def test_what_the_model_has_is_the_start_where_the_data_say_nothing(truth: Model, traced: Any) -> None:
-    dead = truth.with_(damping=0.5)  # far over-damped: no ring-down
-    exp = traced(dead)
-    assert free_decay(exp) is None
-    found = start_of(dead, exp, "stiffness", "damping", "gain", "mass", "valve_rise")
-    assert found == pytest.approx({"stiffness": 0.9, "damping": 0.5, "gain": 1.0, "mass": 0.047, "valve_rise": 0.02})
-
-
-def test_a_start_outside_its_bounds_moves_onto_them(truth: Model, traced: Any) -> None:
-    assert start_of(truth, traced(truth), Parameter("stiffness", upper=0.5))["stiffness"] == 0.5
-
-
-@pytest.fixture(scope="module")
-def arm(shared_data: Path) -> Experiment:
-    """The measured 300 mbar pulse of a silicone arm."""
-    raw = read(shared_data / "pneumatic_arm_pulses" / "300mbar_V3.c3d").assign_attrs(nominal_pressure=3e4)
-    clusters = {"base": [f"Base - {i}" for i in range(1, 5)], "tip": [f"Tip - {i}" for i in range(1, 4)]}
-    planar = align(assemble(raw, clusters), base="base", tangent=[1.0, 0.0, 0.0], origin_offset=[0.0, 0.0355, 0.0])
-    return experiment("arm", planar, stations=("tip",))
-
-
-def test_a_measured_pulse_gives_sensible_starts(arm: Experiment) -> None:
-    found = edges(arm)
-    assert 2.5 < found["stop"] - found["start"] < 3.5  # pulses of about 3 s
-    ring = free_decay(arm)
-    assert ring is not None
-    assert 7.0 < ring.frequency < 9.0  # about 8 Hz
-    model = chain_model(length=0.102, mass=0.15, links=5, joint_placement="midsegment", gravity=[0.0, 9.81],
-                        stiffness=1.0, damping=1e-3, torque=[0.0])
-    start = start_of(model, arm, "stiffness", "damping", "torque_1", "tip.along")
-    assert modes(model.with_(stiffness=start["stiffness"]))[0][0] == pytest.approx(ring.frequency, rel=1e-3)
-    assert 0 < start["damping"] < 0.1 * start["stiffness"]
-    assert start["torque_1"] > 0
-    assert abs(start["tip.along"]) < 0.05
+def test_a_start_in_motion_needs_positions_under_measured_inputs() -> None:
+    exp = recorded(body(False, False), 110)[0]
+    with pytest.raises(InputError, match="own_places"):
+        replace(exp, start=Moving(), own_places=True)
+    with pytest.raises(InputError, match="different positions"):
+        replace(exp, start=Moving(), position=np.repeat(exp.position[:5], 28, axis=0))

@@ -14,6 +14,7 @@ from pliant.drawing import body_svg
 from pliant.equations.observation import FURTHER, KINDS
 from pliant.errors import InputError
 from pliant.identification.parameters import Parameter, for_record
+from pliant.identification.starts import Rest, check_start
 from pliant.preprocessing.detectors import without_spikes
 from pliant.shapes import Float
 from pliant.simulation import Trace
@@ -100,6 +101,9 @@ class Experiment(Shown):
         `equations.observation.KINDS`.
     x_sign : {1, -1}
         -1 where the base frame is turned by pi about the base tangent against the recording's own axes.  # D4
+    start : Rest
+        Start state of simulations, `starts.Rest` or `starts.Moving`; the latter for a recording of positions under
+        measured inputs that begins in motion.
     without_positions : bool
         Whether the recording has angles only; derived from the data.
     travel : float
@@ -131,6 +135,7 @@ class Experiment(Shown):
     input_kinds: Mapping[str, str] = field(default_factory=dict)
     further: Mapping[str, FurtherRows] = field(default_factory=dict)
     x_sign: int = 1
+    start: Rest = field(default_factory=Rest)
     without_positions: bool = field(init=False)
     travel: float = field(init=False)
 
@@ -169,6 +174,7 @@ class Experiment(Shown):
                 "or choose another last station"
             )
         object.__setattr__(self, "travel", travel)
+        check_start(self)
 
     def card(self) -> Card:
         """Return a display card: a one-line summary of input and frames, with a drawing of the body."""

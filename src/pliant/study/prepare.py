@@ -249,6 +249,7 @@ def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experime
         name, recording, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
         angles=entry.angles, held=entry.held, forces=known_forces(entry, recording),
         drive=entry.drive, own_places=entry.own_places, poses=entry.poses, inputs=entry.inputs,
+        start=entry.start,
     )
 
 

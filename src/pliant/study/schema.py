@@ -13,7 +13,7 @@ from pliant.file_kinds import MAPPING, STUDY, SWEEP, kind_of_file, refuse_other
 from pliant.files import read_entries
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
-from pliant.identification.from_recording import Angles
+from pliant.identification.from_recording import Angles, Start
 from pliant.model.file import AxialCurve
 from pliant.selection.terms import known_term
 from pliant.study.known_force import KnownForce, check_forces
@@ -202,6 +202,7 @@ class Recording(StudyEntry):
     poses: bool | Literal["median"] = False  # each row is a settled pose; "median": all rows are one, their median
     inputs: dict[str, float] = {}  # input of the model -> its value in all rows, SI, where the file holds none
     own_places: bool = False  # station positions from this recording's first frames, at rest
+    start: Start | None = None  # of its simulation; default: "moving" if the first frames show a motion
     angles: Angles = False  # fit the angles too (of a dense shape: of its joints), or "only" them
     forces: list[KnownForce] = []
     alignment: AlignmentEntry | None = None  # takes precedence over the study's
