@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,3 +102,27 @@ def test_a_start_in_motion_needs_positions_under_measured_inputs() -> None:
         replace(exp, start=Moving(), own_places=True)
     with pytest.raises(InputError, match="different positions"):
         replace(exp, start=Moving(), position=np.repeat(exp.position[:5], 28, axis=0))
+
+
+def test_a_warm_up_is_simulated_but_has_no_weight() -> None:
+    model = body(True, False)
+    exp, true = recorded(model, 0, noise=0.0)
+    spoiled = exp.position + 0.05 * (exp.time < 0.5)[:, None, None]
+    late = replace(exp, position=spoiled, warm_up=0.5)
+    assert np.isnan(late.compared).all(axis=(1, 2)).sum() == 50
+    result = fit([late], model, ["damping"], starts=1, time_step=1e-3, rng=0)
+    assert result.values["damping"] == pytest.approx(4e-3, rel=1e-4)
+    assert result.rmse["late"] < 1e-6
+    assert start_note(late).startswith("the first 0.5 s, 50 of 250 frames")
+    np.testing.assert_array_equal(predict(model, late, {}, 1e-3)["position"], true)
+
+
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"warm_up": 10.0}, "shorter than the recording"),
+    ({"warm_up": -1.0}, "not negative"),
+    ({"warm_up": 0.5, "excitation": "step", "pressure": None, "level": 1e4}, "measured inputs"),
+])  # fmt: skip
+def test_a_warm_up_is_part_of_a_motion_under_measured_inputs(changes: dict[str, Any], message: str) -> None:
+    exp = recorded(body(False, False), 0)[0]
+    with pytest.raises(InputError, match=message):
+        replace(exp, **changes)

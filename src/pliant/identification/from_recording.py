@@ -33,6 +33,7 @@ def experiment(
     held: Held = "unloaded", own_places: bool = False,
     forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
     poses: Poses = False, inputs: Mapping[str, float] | None = None, start: Start | None = None,
+    warm_up: float = 0.0,
 ) -> Experiment:
     """Return an `Experiment` for a fit from an aligned recording in the plane or in space.
 
@@ -71,6 +72,8 @@ def experiment(
     start : {"rest", "moving"}, optional
         Whether the simulation of the recording starts at rest under its first inputs, or with the pose and the rates of
         its first frames. Default: "moving" if these show a motion, see `starts.begins_in_motion`.
+    warm_up : float
+        Time from the first frame on, s, that is simulated but not compared with the model.
 
     Raises
     ------
@@ -109,7 +112,7 @@ def experiment(
         noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
-        own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording),
+        own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording), warm_up=warm_up,
         further={name: FurtherRows(*both) for name, both in recorded_further(recording, used).items()},
     )
     if start == "moving" or (start is None and begins_in_motion(exp)):

@@ -92,7 +92,10 @@ class Observations:
         self.unknown += [] if noise_known else [(first + i, (0, 1, 2)) for i in range(values.shape[1])]
 
     def take(self, data: Array) -> None:
-        """Set the observed values (T, S, 3), NaN where nothing was seen, and the indices of those that were seen."""
+        """Set the observed values (T, S, 3), NaN where nothing was seen, and the indices of those that were seen. The
+        warm-up of the experiment is left out.
+        """
+        data = np.where(self.exp.warming[:, None, None], np.nan, data)
         self.data, self.seen = data, np.isfinite(data)
         self.rows, self.station, self.channel = np.nonzero(self.seen)
 

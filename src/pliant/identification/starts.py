@@ -160,9 +160,13 @@ def check_start(exp: Experiment) -> None:
 
 
 def start_note(exp: Experiment) -> str:
-    """Return a sentence on an experiment that begins in motion, '' for one that begins at rest."""
-    if exp.start.from_rest:
-        return ""
-    speed = np.linalg.norm(first_motion(exp).velocity[-1])
-    return (f"the recording begins in motion ({exp.stations[-1]} at {1e3 * speed:.3g} mm/s): its simulation starts "
-            "from the pose and the rates of the first frames, not at rest under the first inputs")
+    """Return sentences on the start in motion and the warm-up of an experiment, '' for one that has neither."""
+    notes = []
+    if not exp.start.from_rest:
+        speed = 1e3 * np.linalg.norm(first_motion(exp).velocity[-1])
+        notes.append(f"the recording begins in motion ({exp.stations[-1]} at {speed:.3g} mm/s): its simulation starts "
+                     "from the pose and the rates of the first frames, not at rest under the first inputs")  # fmt: skip
+    if exp.warm_up:
+        notes.append(f"the first {exp.warm_up:.4g} s, {int(exp.warming.sum())} of {exp.time.size} frames, are a "
+                     "warm-up: they are simulated, but have no weight in fits and errors")  # fmt: skip
+    return "; ".join(notes)

@@ -203,6 +203,8 @@ class Recording(StudyEntry):
     inputs: dict[str, float] = {}  # input of the model -> its value in all rows, SI, where the file holds none
     own_places: bool = False  # station positions from this recording's first frames, at rest
     start: Start | None = None  # of its simulation; default: "moving" if the first frames show a motion
+    every: int = Field(1, ge=1)  # each such frame is used
+    warm_up: float = Field(0.0, ge=0)  # s from the first frame on that are simulated, but not compared
     angles: Angles = False  # fit the angles too (of a dense shape: of its joints), or "only" them
     forces: list[KnownForce] = []
     alignment: AlignmentEntry | None = None  # takes precedence over the study's
