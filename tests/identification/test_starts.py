@@ -13,6 +13,7 @@ from pliant.identification import Experiment, fit
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
 from pliant.identification.starts import Moving, Rest, begins_in_motion, first_motion, start_note
+from pliant.identification.torque_start import grown
 from pliant.model import Extension, Model, Station, chain_model
 from pliant.simulation import Trace
 
@@ -113,6 +114,7 @@ def test_a_warm_up_is_simulated_but_has_no_weight() -> None:
     result = fit([late], model, ["damping"], starts=1, time_step=1e-3, rng=0)
     assert result.values["damping"] == pytest.approx(4e-3, rel=1e-4)
     assert result.rmse["late"] < 1e-6
+    assert grown(late) == grown(replace(exp, position=spoiled)), "from all frames"
     assert start_note(late).startswith("the first 0.5 s, 50 of 250 frames")
     np.testing.assert_array_equal(predict(model, late, {}, 1e-3)["position"], true)
 
