@@ -12,7 +12,7 @@ from pliant.errors import InputError
 from pliant.identification import Experiment, fit
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
-from pliant.identification.starts import Moving, Rest, begins_in_motion, first_motion, start_note
+from pliant.identification.starts import AtRest, Moving, begins_in_motion, first_motion, start_note
 from pliant.identification.torque_start import grown
 from pliant.model import Extension, Model, Station, chain_model
 from pliant.simulation import Trace
@@ -46,7 +46,7 @@ def test_a_motion_is_predicted_from_the_state_of_its_first_frames(space: bool, l
     exp, true = recorded(model, 110)
     assert begins_in_motion(exp)
     errors = {}
-    for start in (Rest(), Moving()):
+    for start in (AtRest(), Moving()):
         off = np.linalg.norm(predict(model, replace(exp, start=start), {}, 1e-3)["position"] - true, axis=2)
         errors[start.from_rest] = float(np.sqrt(np.mean(off**2)))
     assert errors[False] < 0.05 * errors[True]
@@ -69,7 +69,7 @@ def test_a_fit_finds_the_parameters_of_a_recording_that_begins_in_motion() -> No
     model = body(False, False)
     exp = recorded(model, 110)[0]
     wrong = {}
-    for start in (Rest(), Moving()):
+    for start in (AtRest(), Moving()):
         result = fit([replace(exp, start=start)], model, ["damping", "torque_1"], starts=1, time_step=2e-3, rng=0)
         wrong[start.from_rest] = abs(result.values["damping"] / 4e-3 - 1.0)
     assert wrong[False] < 0.03 < wrong[True]

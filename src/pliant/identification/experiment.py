@@ -14,7 +14,7 @@ from pliant.drawing import body_svg
 from pliant.errors import InputError
 from pliant.identification.experiment_checks import check_excitation, check_experiment
 from pliant.identification.parameters import Parameter, for_record
-from pliant.identification.starts import Rest, check_start
+from pliant.identification.starts import AtRest, check_start
 from pliant.preprocessing.detectors import without_spikes
 from pliant.shapes import Float
 from pliant.simulation import Trace
@@ -100,8 +100,8 @@ class Experiment(Shown):
         `equations.observation.KINDS`.
     x_sign : {1, -1}
         -1 where the base frame is turned by pi about the base tangent against the recording's own axes.  # D4
-    start : Rest
-        Start state of simulations, `starts.Rest` or `starts.Moving`; the latter for a recording of positions under
+    start : AtRest
+        Start state of simulations, `starts.AtRest` or `starts.Moving`; the latter for a recording of positions under
         measured inputs that begins in motion.
     warm_up : float
         Time from the first frame on, s, that is simulated but not compared with the model. For a recording under
@@ -137,7 +137,7 @@ class Experiment(Shown):
     input_kinds: Mapping[str, str] = field(default_factory=dict)
     further: Mapping[str, FurtherRows] = field(default_factory=dict)
     x_sign: int = 1
-    start: Rest = field(default_factory=Rest)
+    start: AtRest = field(default_factory=AtRest)
     warm_up: float = 0.0
     without_positions: bool = field(init=False)
     travel: float = field(init=False)

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from pliant.equations.observation import FURTHER, KINDS
 from pliant.errors import InputError
 
-if TYPE_CHECKING:
-    from pliant.identification.experiment import Experiment
-
-Array = np.ndarray
+Array = np.ndarray  # an experiment, which imports this module, is of type Any here
 UNIT = 1e-3  # largest difference of a quaternion's length from 1
 
 
-def check_experiment(exp: Experiment) -> None:
+def check_experiment(exp: Any) -> None:
     """Raise InputError if parts of an experiment do not fit together; `check_excitation` checks its inputs."""
     check_extras(exp)
     check_orientation(exp)
@@ -27,7 +24,7 @@ def check_experiment(exp: Experiment) -> None:
         check_drives(exp)
 
 
-def check_extras(exp: Experiment) -> None:
+def check_extras(exp: Any) -> None:
     """Raise InputError if the angles, noise, held pose or arc lengths of an experiment do not match its positions."""
     if exp.dimension == 3 and exp.angle is not None:
         raise InputError(
@@ -65,7 +62,7 @@ def check_extras(exp: Experiment) -> None:
         raise InputError(f"experiment {exp.name}: arc_length must have one rising value for each station")
 
 
-def check_excitation(exp: Experiment) -> None:
+def check_excitation(exp: Any) -> None:
     """Raise InputError if the excitation of an experiment does not fit its pressure, or lacks its level [Pa]."""
     if (exp.excitation == "trace") != (exp.pressure is not None):
         given = "no measured pressure" if exp.pressure is None else "a measured pressure"
@@ -77,7 +74,7 @@ def check_excitation(exp: Experiment) -> None:
         raise InputError(f"experiment {exp.name}: a {exp.excitation} needs its nominal level in Pa, got {exp.level}")
 
 
-def check_held(exp: Experiment, held: Array) -> None:
+def check_held(exp: Any, held: Array) -> None:
     """Raise InputError if the positions (S, 2 or 3) [m] of S stations before a release do not fit an experiment."""
     if exp.excitation != "release":
         raise InputError(f"experiment {exp.name}: held is for a release only, not for a {exp.excitation}: leave it out")
@@ -87,7 +84,7 @@ def check_held(exp: Experiment, held: Array) -> None:
         )
 
 
-def check_poses(exp: Experiment) -> None:
+def check_poses(exp: Any) -> None:
     """Raise InputError if an experiment of settled poses is planar, lacks a measured input, has known forces, or takes
     the stations' positions on their links from its first frames (``own_places``).
     """
@@ -98,7 +95,7 @@ def check_poses(exp: Experiment) -> None:
         )
 
 
-def check_warm_up(exp: Experiment) -> None:
+def check_warm_up(exp: Any) -> None:
     """Raise InputError if the warm-up of an experiment is not a part of a recording under measured inputs."""
     if not exp.warm_up:
         return
@@ -115,7 +112,7 @@ def check_warm_up(exp: Experiment) -> None:
         )
 
 
-def check_orientation(exp: Experiment) -> None:
+def check_orientation(exp: Any) -> None:
     """Raise InputError if an experiment has orientations and is planar, or if these are not unit quaternions (T, S, 4)
     for T frames and S stations.
     """
@@ -133,7 +130,7 @@ def check_orientation(exp: Experiment) -> None:
         raise InputError(f"experiment {exp.name}: orientations must be unit quaternions x, y, z, w")
 
 
-def check_further(exp: Experiment) -> None:
+def check_further(exp: Any) -> None:
     """Raise InputError if the values of a further kind of measurement do not have one entry for each station and frame,
     or their kind does not exist.
     """
@@ -148,7 +145,7 @@ def check_further(exp: Experiment) -> None:
                              f"got {rows.values.shape} and {rows.constants.shape}")
 
 
-def check_drives(exp: Experiment) -> None:
+def check_drives(exp: Any) -> None:
     """Raise InputError if the pressures of an experiment's chambers have different sample times, or if its excitation
     is not a measured one ('trace').
     """

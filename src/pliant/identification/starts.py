@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,10 +14,7 @@ from pliant.mechanics import mechanics_of
 from pliant.preprocessing.detectors import white_noise
 from pliant.simulation import equilibrium
 
-if TYPE_CHECKING:
-    from pliant.identification.experiment import Experiment
-
-Array = np.ndarray
+Array = np.ndarray  # an experiment, which imports this module, is of type Any here
 LEAST_FRAMES, LEAST_TIME = 7, 0.05  # of the first frames from which position and velocity are estimated; s
 EARLY = 5  # first frames that must move too: a motion that begins later starts from rest
 LEAST_PATH = 0.01  # of the peak displacement, in the first frames: less is no motion
@@ -40,13 +37,13 @@ class FirstMotion(NamedTuple):
     velocity: Array
 
 
-class Rest:
+class AtRest:
     """The start of a recording of a body at rest: the equilibrium under its first inputs."""
 
     from_rest = True
 
     def state(
-        self, model_at: ModelAt, _exp: Experiment, _params: Mapping[str, float], inputs: Array, load: Array | None,
+        self, model_at: ModelAt, _exp: Any, _params: Mapping[str, float], inputs: Array, load: Array | None,
         _plans: Plans,
     ) -> StartState:
         """Return the equilibrium under constant `inputs` (C,) [SI] and the link loads of known forces, if there are
@@ -58,7 +55,7 @@ class Rest:
         return StartState(x, np.zeros(chain.size))
 
 
-class Moving(Rest):
+class Moving(AtRest):
     """The start of a recording in motion: the pose and the rates that its first frames show.
 
     What the stations leave open is as in the equilibrium under the first inputs, and as little in motion as possible.
@@ -68,7 +65,7 @@ class Moving(Rest):
     from_rest = False
 
     def state(
-        self, model_at: ModelAt, exp: Experiment, params: Mapping[str, float], inputs: Array, load: Array | None,
+        self, model_at: ModelAt, exp: Any, params: Mapping[str, float], inputs: Array, load: Array | None,
         plans: Plans,
     ) -> StartState:
         """Return the state in which the chain is nearest to the equilibrium under `inputs` (C,) [SI] and `load`, and
@@ -82,7 +79,7 @@ class Moving(Rest):
         return StartState(chain.coordinates(q), chain.from_joints @ rates_through(chain, q, first.velocity))
 
 
-def first_motion(exp: Experiment) -> FirstMotion:
+def first_motion(exp: Any) -> FirstMotion:
     """Return the positions and velocities of the stations of an experiment at its first frame: those of a parabola
     through the first frames of each station, at least `LEAST_FRAMES` and those within `LEAST_TIME`.
 
@@ -100,14 +97,14 @@ def parabola(time: Array, position: Array, start: float) -> tuple[Array, Array]:
     return constant, slope / scale
 
 
-def first_frames(exp: Experiment, station: int) -> tuple[Array, Array]:
+def first_frames(exp: Any, station: int) -> tuple[Array, Array]:
     """Return times (K,) [s] and positions (K, d) [m] of the first distinct frames of a station."""
     time, position = distinct_frames(exp, station)
     count = max(LEAST_FRAMES, int(np.searchsorted(time, exp.time[0] + LEAST_TIME)))
     return time[:count], position[:count]
 
 
-def distinct_frames(exp: Experiment, station: int) -> tuple[Array, Array]:
+def distinct_frames(exp: Any, station: int) -> tuple[Array, Array]:
     """Return times (K,) [s] and positions (K, d) [m] of the frames that show a station, without those that repeat the
     frame before.
     """
@@ -117,7 +114,7 @@ def distinct_frames(exp: Experiment, station: int) -> tuple[Array, Array]:
     return time[other], position[other]
 
 
-def begins_in_motion(exp: Experiment) -> bool:
+def begins_in_motion(exp: Any) -> bool:
     """Return whether the last station of an experiment moves in its first frames: by more than their noise, by more
     than 1 % of the peak displacement, and no slower in the first five of them.
 
@@ -135,12 +132,12 @@ def begins_in_motion(exp: Experiment) -> bool:
     return path > max(ABOVE_NOISE * noise, LEAST_PATH * exp.travel) and bool(steady)
 
 
-def may_move(exp: Experiment) -> bool:
+def may_move(exp: Any) -> bool:
     """Return whether an experiment can begin in motion: measured inputs and positions, on links that are known."""
     return exp.excitation == "trace" and not (exp.poses or exp.own_places or exp.without_positions)
 
 
-def check_start(exp: Experiment) -> None:
+def check_start(exp: Any) -> None:
     """Raise InputError if an experiment that begins in motion has no measured inputs or positions, or shows a station
     too late.
     """
@@ -159,7 +156,7 @@ def check_start(exp: Experiment) -> None:
             )
 
 
-def start_note(exp: Experiment) -> str:
+def start_note(exp: Any) -> str:
     """Return sentences on the start in motion and the warm-up of an experiment, '' for one that has neither."""
     notes = []
     if not exp.start.from_rest:
