@@ -289,7 +289,7 @@ class Study(StudyEntry):
     forecasts: dict[str, ForecastEntry] = {}
     targets: Targets = Targets()
     sweep: Sweep | None = None
-    time_step: float | None = Field(None, gt=0, le=0.1)  # s; None: chosen for the start of each fit, at most 2 ms
+    time_step: float | None = Field(None, gt=0, le=0.1)  # s; None: chosen for the start of each fit, at most 2 or 10 ms
     seed: int = 0
     folder: str = "."  # start of relative file names; set when the study is loaded
 
