@@ -2,10 +2,13 @@
 
     python benchmarks/selection.py bodies [names]  # virtual actuators, default a b c 901 902 903 904
     python benchmarks/selection.py arm             # the silicone arm, each pressure level left out
+    python benchmarks/selection.py spatial [STUDY [names]]  # the fabric arm in space, each recording left out
 
 Virtual actuators are trained on pulses of 60 and 180 kPa, and predict the pulse of 119 kPa and the step to 240 kPa. The
 recordings of the silicone arm come by `pliant data fetch`; its hand-made fits have the terms of
-examples/pneumatic_arm_pulses.toml, which were chosen with all levels in view.
+examples/pneumatic_arm_pulses.toml, which were chosen with all levels in view. STUDY is a copy of
+examples/spatial_pneumatic_arm.toml beside its recordings, which the file says where to find; each choice has five
+minutes.
 """
 
 from __future__ import annotations
@@ -21,8 +24,10 @@ from pliant.study import Study, demo_study, load_study, run_study
 from pliant.study.schema import SelectionEntry
 from pliant.testbed import family_member, generate
 from pliant.validation.outcome import StudyOutcome
+from pliant.validation.wording import sized
 
-ARM = Path(__file__).parents[1] / "examples" / "pneumatic_arm_pulses.toml"
+EXAMPLES = Path(__file__).parents[1] / "examples"
+ARM, SPATIAL = EXAMPLES / "pneumatic_arm_pulses.toml", EXAMPLES / "spatial_pneumatic_arm.toml"
 LEVELS = {"p100": ["p200", "p300", "p400"], "p200": ["p100", "p300"], "p300": ["p100", "p200", "p400"],
           "p400": ["p100", "p200", "p300"]}  # fmt: skip
 PLACES = dict.fromkeys(("base_angle", "tip.along", "tip.across"), "free")
@@ -63,8 +68,27 @@ def show(name: str, outcome: StudyOutcome, began: float) -> None:
                   f"{m['rmse_percent_of_length']:5.2f} % of length{band}", flush=True)
 
 
+def spatial(file: str | Path = SPATIAL, *names: str) -> None:
+    """Choose the model of the fabric arm without each recording, and print its error there beside the plain map's."""
+    study = load_study(file)
+    assert study.model_selection is not None
+    for held_out in names or tuple(study.recordings):
+        began, train = time.monotonic(), [name for name in study.recordings if name != held_out]
+        entry = study.model_selection.model_copy(update={"train": train, "held_out": [held_out]})
+        outcome = run_study(study.model_copy(update={"model_selection": entry}))
+        assert outcome.model_selection is not None
+        fit = outcome.fits[-1]
+        assert fit.baseline is not None
+        (record,) = [r for r in fit.records if r.role == "held_out"]
+        plain = fit.baseline.records[held_out]
+        print(f"| {held_out} | {sized(record.metrics, 'rmse')[0]:.2f} | {sized(plain, 'rmse')[0]:.2f} | "
+              f"{', '.join(outcome.model_selection.terms) or 'no term'} | {time.monotonic() - began:.0f} |", flush=True)
+
+
 def main(what: str, names: list[str]) -> None:
-    """Choose models for the virtual actuators, or for the silicone arm."""
+    """Choose models for the virtual actuators, the silicone arm, or the fabric arm."""
+    if what == "spatial":
+        spatial(*names)
     for name in names or ["a", "b", "c", "901", "902", "903", "904"] if what == "bodies" else ():
         began = time.process_time()
         with tempfile.TemporaryDirectory() as folder:

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.identification import fit, identifiability, predict, predict_held_out
-from pliant.identification.fit_step import LONGEST, fit_step, starting_step
-from pliant.model import Model
+from pliant.identification import Experiment, fit, identifiability, predict, predict_held_out
+from pliant.identification.fit_step import LONGEST, LONGEST_OVER_DAMPED, fit_step, starting_step
+from pliant.model import Model, Station
 from pliant.selection import select_model
-from pliant.simulation.time_step import longest_step
+from pliant.simulation import Trace
+from pliant.simulation.time_step import longest_step, rings
 
 STIFF = {"stiffness": 60.0, "damping": 1e-2}
 
@@ -29,6 +30,21 @@ def test_the_step_follows_the_values_at_the_start(truth: Model) -> None:
     assert fit_step(truth, {**STIFF, "t.start": 0.1}) == fit_step(stiff, {}) <= longest_step(stiff) < LONGEST
     assert fit_step(stiff, {"stiffness": 0.9, "damping": 6e-3}) == LONGEST
     assert starting_step([], truth, ["stiffness"]) == LONGEST, "without recordings nothing can be estimated"
+
+
+@pytest.mark.parametrize("factor", [1.0, 3.0, 30.0])
+def test_an_over_damped_body_takes_longer_steps_that_are_as_accurate(truth: Model, factor: float) -> None:
+    times = np.arange(0.0, 1.5, 0.02)
+    pushed = Experiment("o", times, np.random.default_rng(0).normal(size=(times.size, 1, 2)), ("tip",), "trace",
+                        Trace(times, 8e4 * (times > 0.1)))  # fmt: skip
+    body = truth.with_(stations=(Station("tip", truth.n - 1, float(truth.link_length[-1])),))
+    at = next(d for d in np.geomspace(1e-3, 10.0, 200) if not rings(body.with_(damping=d)))
+    assert fit_step(body.with_(damping=0.8 * at), {}) <= LONGEST
+    over = body.with_(damping=factor * at)
+    step = fit_step(over, {})
+    assert LONGEST < step <= LONGEST_OVER_DAMPED
+    coarse, fine = (predict(over, pushed, {}, h)["position"] for h in (step, 2e-4))
+    assert np.abs(coarse - fine).max() < 3e-3 * body.length
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from pliant.errors import SimulationError
 from pliant.identification import Experiment, held_pose
 from pliant.identification.forward_model import held_note
-from pliant.identification.held_pose import BENDS, DISTANCE, STAGES, beyond_reach, pose_through, solved_pose
+from pliant.identification.held_pose import BENDS, DISTANCE, STAGES, beyond_reach, chain_of, pose_through, solved_pose
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Space, Station, chain_model
 
@@ -89,10 +89,10 @@ def test_a_derivative_of_the_followed_pose_is_that_of_the_pose_searched_anew() -
     model = body(False)
     for distance in (0.97, 1.0, 1.05):
         held, cache = tip_at(False, distance * REACH, 0.2), dict[Any, Any]()
-        base = pose_through(model, [model.points[-1]], held, cache)
+        base = pose_through(chain_of(model, [model.points[-1]]), held, cache)
         for step in (1e-6, 1e-5):
             moved = held + np.array([step, 2.0 * step])
-            followed = pose_through(model, [model.points[-1]], moved, cache)
+            followed = pose_through(chain_of(model, [model.points[-1]]), moved, cache)
             np.testing.assert_allclose(followed, solved_pose(model, [model.points[-1]], moved), atol=1e-10)
             assert np.abs(followed - base).max() > 0.1 * step / REACH
 
@@ -145,14 +145,14 @@ def test_a_stiff_joint_bends_less() -> None:
 
 def test_a_pose_is_searched_once_and_followed_over_small_changes() -> None:
     cache: dict[object, Any] = {}
-    first = pose_through(TRUNK, DISKS, HELD, cache)
+    first = pose_through(chain_of(TRUNK, DISKS), HELD, cache)
     first[:] = 9.0
     best = solved_pose(TRUNK, DISKS, HELD)
-    np.testing.assert_array_equal(pose_through(TRUNK, DISKS, HELD, cache), best)
+    np.testing.assert_array_equal(pose_through(chain_of(TRUNK, DISKS), HELD, cache), best)
     size = len(cache)
     for change in (1e-6, 0.01):  # followed, and searched again
         moved = solved_pose(TRUNK, DISKS, HELD + change)
-        np.testing.assert_allclose(pose_through(TRUNK, DISKS, HELD + change, cache), moved, atol=1e-10)
+        np.testing.assert_allclose(pose_through(chain_of(TRUNK, DISKS), HELD + change, cache), moved, atol=1e-10)
         assert np.abs(moved - best).max() > change
     assert len(cache) == size + 2
 

@@ -14,10 +14,10 @@ from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
 from pliant.identification.observation import frames_of, rotation_vectors, slopes_through, turns_off, with_axes
 from pliant.identification.problem import Problem
-from pliant.identification.residuals import white_noise
 from pliant.mechanics import mechanics_of
 from pliant.model import Space, Station
 from pliant.preprocessing.align import align
+from pliant.preprocessing.detectors import white_noise
 from pliant.recording import make_recording
 from pliant.simulation.forces import PointForce
 

@@ -7,8 +7,9 @@ import pytest
 
 from pliant.errors import FitError, InputError
 from pliant.identification import Experiment, Parameter, fit
-from pliant.model import Memory, Model, Station, chain_model
+from pliant.model import Extension, Memory, Model, Station, chain_model
 from pliant.selection import select_model, terms_for
+from pliant.selection.search import beginning
 from pliant.simulation import Trace, simulate
 
 TIMES = np.arange(0.0, 2.0, 0.02)
@@ -77,6 +78,13 @@ def test_common_parameters_replace_those_of_the_beginning():
     assert set(found.steps[0].free) == {"damping", "torque_1", "tip.along"}
     alone = fit(two(chain()), GIVEN, [Parameter("stiffness", 0.5, free=False), "damping", "torque_1", "tip.along"])
     assert found.result.values["damping"] == pytest.approx(alone.values["damping"], rel=1e-4)
+
+
+def test_a_body_that_lengthens_begins_with_the_axial_force_of_each_chamber():
+    longer = GIVEN.with_(extensions=(Extension(200.0, 5.0),))
+    names = [e if isinstance(e, str) else e.name for e in beginning(longer, two(chain()), ["axial_damping"])]
+    assert sorted(names) == ["axial_damping", "axial_gain", "damping", "stiffness", "torque_1"]
+    assert "axial_gain" not in beginning(GIVEN, two(chain()), [])
 
 
 def test_bad_input_is_refused():

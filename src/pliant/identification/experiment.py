@@ -11,16 +11,16 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.drawing import body_svg
-from pliant.equations.observation import FURTHER, KINDS
 from pliant.errors import InputError
+from pliant.identification.experiment_checks import check_excitation, check_experiment
 from pliant.identification.parameters import Parameter, for_record
+from pliant.identification.starts import AtRest, check_start
 from pliant.preprocessing.detectors import without_spikes
 from pliant.shapes import Float
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce, checked
 
 Array = np.ndarray
-UNIT = 1e-3  # largest difference of a quaternion's length from 1
 FIRST_FRAMES = 5  # frames of a body at rest, whose median is the first position
 Excitation = Literal["trace", "pulse", "step", "release"]
 AngleReference = Literal["rest", "base", "joint", ""]
@@ -100,6 +100,12 @@ class Experiment(Shown):
         `equations.observation.KINDS`.
     x_sign : {1, -1}
         -1 where the base frame is turned by pi about the base tangent against the recording's own axes.  # D4
+    start : AtRest
+        Start state of simulations, `starts.AtRest` or `starts.Moving`; the latter for a recording of positions under
+        measured inputs that begins in motion.
+    warm_up : float
+        Time from the first frame on, s, that is simulated but not compared with the model. For a recording under
+        measured inputs whose first motion depends on what happened before it.
     without_positions : bool
         Whether the recording has angles only; derived from the data.
     travel : float
@@ -131,6 +137,8 @@ class Experiment(Shown):
     input_kinds: Mapping[str, str] = field(default_factory=dict)
     further: Mapping[str, FurtherRows] = field(default_factory=dict)
     x_sign: int = 1
+    start: AtRest = field(default_factory=AtRest)
+    warm_up: float = 0.0
     without_positions: bool = field(init=False)
     travel: float = field(init=False)
 
@@ -146,12 +154,8 @@ class Experiment(Shown):
                 f"in space, got {self.position.shape}"
             )
         object.__setattr__(self, "without_positions", self.angle is not None and not np.isfinite(self.position).any())
-        check_extras(self)
-        check_orientation(self)
-        check_further(self)
-        check_poses(self)
+        check_experiment(self)
         if self.drives:
-            check_drives(self)
             object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
         check_excitation(self)
         for k, station in enumerate(self.stations):
@@ -169,6 +173,7 @@ class Experiment(Shown):
                 "or choose another last station"
             )
         object.__setattr__(self, "travel", travel)
+        check_start(self)
 
     def card(self) -> Card:
         """Return a display card: a one-line summary of input and frames, with a drawing of the body."""
@@ -202,9 +207,19 @@ class Experiment(Shown):
     @property
     def compared(self) -> Float[Array, "T S k"]:
         """Return the observed values of S stations in T frames that a fit compares with the model: positions (T, S, 2
-        or 3) [m], or angles (T, S, 1) [rad] if only these were recorded.
+        or 3) [m], or angles (T, S, 1) [rad] if only these were recorded. They are NaN in the warm-up.
         """
+        return np.where(self.warming[:, None, None], np.nan, self.recorded) if self.warm_up else self.recorded
+
+    @property
+    def recorded(self) -> Float[Array, "T S k"]:
+        """Return `compared` with the recorded values of the warm-up."""
         return self.angle[..., None] if self.without_positions and self.angle is not None else self.position
+
+    @property
+    def warming(self) -> Array:
+        """Return whether each of T frames (T,) belongs to the warm-up."""
+        return np.asarray(self.time < self.time[0] + self.warm_up)
 
     @property
     def last_station(self) -> Array:
@@ -271,6 +286,14 @@ class Experiment(Shown):
         moved = {name: Trace(t.time + start, t.pressure) for name, t in self.drives.items()}
         return replace(self, pressure=Trace(self.pressure.time + start, self.pressure.pressure), drives=moved)
 
+    def thinned(self, every: int) -> Experiment:
+        """Return the experiment with each `every`-th frame. Its inputs keep all their samples."""
+        rows = slice(None, None, every)
+        further = {name: f._replace(values=f.values[rows]) for name, f in self.further.items()}
+        angle, orientation = (None if a is None else a[rows] for a in (self.angle, self.orientation))
+        return replace(self, time=self.time[rows], position=self.position[rows], angle=angle, orientation=orientation,
+                       further=further)
+
     def turned(self) -> Experiment:
         """Return the experiment turned by pi about the base tangent, as filmed from behind: x and
         angles change sign.
@@ -316,124 +339,6 @@ def seen_from_side(position: Array) -> Array:
     across = across[np.isfinite(across).all(axis=1)]
     side = np.linalg.eigh(np.cov(across.T))[1][:, -1]
     return np.stack([position[..., :2] @ side, position[..., 2]], axis=-1)
-
-
-def check_extras(exp: Experiment) -> None:
-    """Raise InputError if the angles, noise, held pose or arc lengths of an experiment do not match its positions."""
-    if exp.dimension == 3 and exp.angle is not None:
-        raise InputError(
-            f"experiment {exp.name}: a recording in space has no angles: give orientation in place of angle"
-        )
-    if exp.angle is not None and exp.angle.shape != exp.position.shape[:2]:
-        raise InputError(
-            f"experiment {exp.name}: angles must be (time, station) = {exp.position.shape[:2]}, got {exp.angle.shape}"
-        )
-    if exp.angle is not None and exp.angle_reference not in ("rest", "base", "joint"):
-        raise InputError(
-            f"experiment {exp.name}: state the reference of the angles: angle_reference rest, base or joint"
-        )
-    if exp.angles_alone and exp.angle is None:
-        raise InputError(f"experiment {exp.name} compares angles alone, but has none: leave out angles_alone")
-    if strange := [s for s in exp.noise if s not in exp.stations]:
-        raise InputError(
-            f"experiment {exp.name} has a noise level for {strange[0]!r}, which is not one of its stations: use one of "
-            f"{', '.join(exp.stations)}"
-        )
-    known = (exp.angle_noise, exp.orientation_noise, *(rows.noise for rows in exp.further.values()))
-    levels = [*exp.noise.values(), *(v for v in known if v is not None)]
-    if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
-        raise InputError(f"experiment {exp.name}: noise levels must be positive, in m and rad, got {bad[0]}")
-    if exp.own_places and (exp.excitation == "release" or exp.angles_alone):
-        raise InputError(
-            f"experiment {exp.name}: own_places needs positions of a body at rest, not a release or angles: leave it "
-            "out"
-        )
-    if exp.held is not None:
-        check_held(exp, exp.held)
-    if exp.arc_length is not None and not (
-        exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
-    ):
-        raise InputError(f"experiment {exp.name}: arc_length must have one rising value for each station")
-
-
-def check_excitation(exp: Experiment) -> None:
-    """Raise InputError if the excitation of an experiment does not fit its pressure, or lacks its level [Pa]."""
-    if (exp.excitation == "trace") != (exp.pressure is not None):
-        given = "no measured pressure" if exp.pressure is None else "a measured pressure"
-        raise InputError(
-            f"experiment {exp.name} has {given}, and excitation {exp.excitation!r}: set excitation to 'trace' if, and "
-            "only if, you give a measured pressure"
-        )
-    if exp.excitation in ("pulse", "step") and not exp.level > 0:
-        raise InputError(f"experiment {exp.name}: a {exp.excitation} needs its nominal level in Pa, got {exp.level}")
-
-
-def check_held(exp: Experiment, held: Array) -> None:
-    """Raise InputError if the positions (S, 2 or 3) [m] of S stations before a release do not fit an experiment."""
-    if exp.excitation != "release":
-        raise InputError(f"experiment {exp.name}: held is for a release only, not for a {exp.excitation}: leave it out")
-    if held.shape != exp.position.shape[1:]:
-        raise InputError(
-            f"experiment {exp.name}: held must be (station, axis) = {exp.position.shape[1:]}, got {held.shape}"
-        )
-
-
-def check_poses(exp: Experiment) -> None:
-    """Raise InputError if an experiment of settled poses is planar, lacks a measured input, has known forces, or takes
-    the stations' positions on their links from its first frames (``own_places``).
-    """
-    if exp.poses and (exp.excitation != "trace" or exp.dimension == 2 or exp.forces or exp.own_places):
-        raise InputError(
-            f"experiment {exp.name}: poses need a body in space under measured inputs (excitation 'trace'), without "
-            "forces and own_places: change what differs, or leave out poses"
-        )
-
-
-def check_orientation(exp: Experiment) -> None:
-    """Raise InputError if an experiment has orientations and is planar, or if these are not unit quaternions (T, S, 4)
-    for T frames and S stations.
-    """
-    orientation = exp.orientation
-    if orientation is None:
-        return
-    if exp.dimension == 2:
-        raise InputError(f"experiment {exp.name}: orientations need a recording in space; for a planar one give angles")
-    if orientation.shape != (*exp.position.shape[:2], 4):
-        raise InputError(
-            f"experiment {exp.name}: orientations must be (time, station, 4) = {(*exp.position.shape[:2], 4)}, got "
-            f"{orientation.shape}"
-        )
-    if (np.abs(np.linalg.norm(orientation, axis=2) - 1.0) > UNIT).any():
-        raise InputError(f"experiment {exp.name}: orientations must be unit quaternions x, y, z, w")
-
-
-def check_further(exp: Experiment) -> None:
-    """Raise InputError if the values of a further kind of measurement do not have one entry for each station and frame,
-    or their kind does not exist.
-    """
-    for name, rows in exp.further.items():
-        counts = KINDS[FURTHER[name]].constants if name in FURTHER else {}
-        if exp.dimension not in counts:
-            raise InputError(f"experiment {exp.name}: {name!r} is no further kind of measurement in {exp.dimension} "
-                             f"dimensions ({', '.join(FURTHER) or 'there is none'}): leave it out")
-        wanted = exp.position.shape[:2], (len(exp.stations), counts[exp.dimension])
-        if (rows.values.shape, rows.constants.shape) != wanted:
-            raise InputError(f"experiment {exp.name}: {name} must have values and constants of the shapes {wanted}, "
-                             f"got {rows.values.shape} and {rows.constants.shape}")
-
-
-def check_drives(exp: Experiment) -> None:
-    """Raise InputError if the pressures of an experiment's chambers have different sample times, or if its excitation
-    is not a measured one ('trace').
-    """
-    if exp.excitation != "trace":
-        raise InputError(
-            f"experiment {exp.name}: pressures of chambers need excitation 'trace', got {exp.excitation!r}: set it to "
-            "'trace'"
-        )
-    first = next(iter(exp.drives.values()))
-    if not all(np.array_equal(first.time, t.time) for t in exp.drives.values()):
-        raise InputError(f"experiment {exp.name}: the pressures of its chambers must share their times: resample them")
 
 
 def leading(drives: Mapping[str, Trace]) -> str:

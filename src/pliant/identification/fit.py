@@ -79,8 +79,8 @@ def fit(
         A name alone is a free parameter whose start is estimated; ``stiffness_*`` means one for each joint. The edge
         times of a pulse or release are added.
     time_step : float
-        Longest time step, s; default: the longest one, at most 2 ms, that resolves the modes of the model at the
-        start values (`pliant.simulation.time_step.resolving_step`).
+        Longest time step, s; default: the longest one, at most 2 ms (10 ms if none rings), that resolves the modes of
+        the model at the start values (`pliant.simulation.time_step.resolving_step`).
     loss : {"linear", "soft_l1", "huber", "cauchy"}, default "linear"
         Robust losses limit the weight of outliers beyond 1 % of the peak displacement, or three standard deviations of
         the noise.

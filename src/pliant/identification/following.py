@@ -92,7 +92,7 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
         past = (Past(numbers.memory, states, held),)
     any_size = model.memory and not any(more)  # with hysteresis of joints alone, the loops of a step are as fast
     failed = kind.twin(follow_loops.follow, None if any_size else n, *more)(
-        numbers.phi, kind.of(np.zeros(chain.size)), course, before, (numbers.body, numbers.joints), work,
+        numbers.phi, numbers.rate, course, before, (numbers.body, numbers.joints), work,
         Seen(places, out), *past,
     )
     if failed >= 0:

@@ -9,12 +9,13 @@ import numpy as np
 
 from pliant.identification.drives import inputs_to
 from pliant.identification.following import REAL, initial_hysteresis
-from pliant.identification.held_pose import beyond_reach, pose_through
+from pliant.identification.held_pose import beyond_reach, chain_of, pose_through
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
 from pliant.identification.observation import between_frames, lags_of, repeated, with_axes
 from pliant.identification.parameters import for_record
 from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.poses import pose_inputs
+from pliant.identification.starts import StartState
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
 from pliant.simulation import Pulse, equilibrium
@@ -57,15 +58,16 @@ def forward_problem(
         return poses_problem(model_at, exp, params)
     plan = actuation_steps(m, exp, params, times, time_step, plans) if drive is None else drive
     before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
-    if rest is None and before is not None:
-        rest = equilibrium(m, plan.initial, link_load=before)
-    start = model_at.at_rest(plan.initial) if rest is None else mechanics_of(m).coordinates(rest)
-    numbers = forward_numbers(model_at, exp, params, plan, (start, start), (m.base_angle, m.base_angle))
-    numbers = numbers._replace(chambers=model_at.chambers(plan.initial))
+    if rest is None:
+        start = exp.start.state(model_at, exp, params, plan.initial, before, plans)
+    else:
+        start = StartState(mechanics_of(m).coordinates(rest), np.zeros(mechanics_of(m).size))
+    numbers = forward_numbers(model_at, exp, params, plan, (start.x, start.x), (m.base_angle, m.base_angle))
+    numbers = numbers._replace(chambers=model_at.chambers(plan.initial), rate=start.rate)
     numbers = with_loads(numbers, m, exp, float(times[0]), before)
     acting = plan.pressure if between is None else plan.pressure[between[1]]
     forward = ForwardProblem(
-        numbers, plan.keep, 1, carriers(model_at, exp), m, acting, True, drive=plan, between=between,
+        numbers, plan.keep, 1, carriers(model_at, exp), m, acting, exp.start.from_rest, drive=plan, between=between,
         first_seen=exp.first_places if exp.own_places else None, oriented=exp.framed,
     )
     return forward._replace(numbers=reattached(forward, numbers))
@@ -173,7 +175,8 @@ def held_angles(model_at: ModelAt, exp: Experiment, params: Mapping[str, float],
                 model, f"experiment {exp.name}: a measured held pose needs a body of fixed length, but the model "
                 f"{model.name!r} is extensible: leave out held (as measured), or the model's extensions",
             )
-        return pose_through(model, observed_points(model_at, exp), exp.held - shift_of(params, exp), plans.poses)
+        chain = chain_of(model, observed_points(model_at, exp))
+        return pose_through(chain, exp.held - shift_of(params, exp), plans.poses)
     if "hold_force" in params:
         return equilibrium(model, 0.0, np.array([params["hold_force"], *[0.0] * (exp.dimension - 1)]))
     return np.zeros(model.size)
@@ -229,7 +232,7 @@ def forward_numbers(
     model, (along, across, aside) = model_at.model, with_axes(model_at.places(exp.stations), exp.framed)
     lags = lags_of(params, exp.stations)
     return Numbers(
-        held=angles[0], held_base=base[0], phi=angles[1], h=plan.h, torque=plan.torque,
+        held=angles[0], held_base=base[0], phi=angles[1], rate=np.zeros(len(angles[1])), h=plan.h, torque=plan.torque,
         gain=np.array(model.actuation.columns), chambers=np.zeros((0, 0)),
         torque_before=model_at.torque_before(plan.initial),
         load=np.zeros((0, *mechanics_of(model).no_loads().shape)), load_before=loads_at(model, (), 0.0),

@@ -13,6 +13,7 @@ from pliant.errors import InputError
 from pliant.identification.drives import drives_of, driving, only_input
 from pliant.identification.edges import held_pose
 from pliant.identification.experiment import Excitation, Experiment, FurtherRows
+from pliant.identification.starts import Moving, begins_in_motion
 from pliant.preprocessing.side import x_sign
 from pliant.recording.schema import check_recording, recorded_further
 from pliant.simulation import Trace
@@ -22,6 +23,7 @@ Array = np.ndarray
 Held = Literal["unloaded", "measured"]
 Poses = bool | Literal["median"]
 Angles = bool | Literal["only"]
+Start = Literal["rest", "moving"]
 
 
 def experiment(
@@ -30,7 +32,8 @@ def experiment(
     angles: Angles = False,
     held: Held = "unloaded", own_places: bool = False,
     forces: Sequence[PointForce] = (), drive: Mapping[str, str | int] | None = None,
-    poses: Poses = False, inputs: Mapping[str, float] | None = None,
+    poses: Poses = False, inputs: Mapping[str, float] | None = None, start: Start | None = None,
+    warm_up: float = 0.0,
 ) -> Experiment:
     """Return an `Experiment` for a fit from an aligned recording in the plane or in space.
 
@@ -66,6 +69,11 @@ def experiment(
         median is used.
     inputs : dict, optional
         Constant value of each input of the model, SI, for a recording without inputs; others are 0.
+    start : {"rest", "moving"}, optional
+        Whether the simulation of the recording starts at rest under its first inputs, or with the pose and the rates of
+        its first frames. Default: "moving" if these show a motion, see `starts.begins_in_motion`.
+    warm_up : float
+        Time from the first frame on, s, that is simulated but not compared with the model.
 
     Raises
     ------
@@ -104,9 +112,11 @@ def experiment(
         noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
-        own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording),
+        own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording), warm_up=warm_up,
         further={name: FurtherRows(*both) for name, both in recorded_further(recording, used).items()},
     )
+    if start == "moving" or (start is None and begins_in_motion(exp)):
+        exp = replace(exp, start=Moving())
     return replace(exp, held=held_pose(exp)) if held == "measured" else exp
 
 

@@ -33,22 +33,23 @@ SAME_POSE = 1e-4  # rad and m: changes after which the pose is followed from the
 BEYOND = 0.01  # of the body's length: distance beyond reach that is reported
 
 
-def pose_through(model: Model, stations: list[Station], positions: Array, cache: dict[Any, Any]) -> Array:
-    """Return the joint angles [rad] of a model whose S points are held at `positions` (S, 2 or 3) [m].
+def pose_through(chain: Mechanics, positions: Array, cache: dict[Any, Any], centre: Array | None = None) -> Array:
+    """Return the joint coordinates (N,) of a chain whose S points are held at `positions` (S, 2 or 3) [m].
 
-    `solved_stages` describes the search. The pose depends on lengths, the unloaded shape, ratios of stiffnesses and the
-    positions alone, and is cached in `cache`. If they differ from the latest ones by the step of a finite difference,
-    the search starts from the latest pose: the derivative is that of the minimum (implicit function theorem).
+    `solved_stages` describes the search. The pose depends on lengths, the unloaded shape, ratios of stiffnesses, the
+    positions and the `centre` (N,) of the first stage alone, and is cached in `cache`. If they differ from the latest
+    ones by the step of a finite difference, the search starts from the latest pose: the derivative is that of the
+    minimum (implicit function theorem).
     """
-    chain = chain_of(model, stations)
+    model, centre = chain.model, np.zeros(chain.size) if centre is None else centre
     turned = [model.space.rest_turn, model.space.base_tilt] if model.space else [model.rest_angle]
-    points = np.array([p[1:] for p in stations], dtype=float)
+    points = np.array([p[1:] for p in model.stations], dtype=float)
     given = np.concatenate([[model.base_length, model.base_angle], model.link_length, points.ravel(),
-                            prior_weights(chain), *(a.ravel() for a in (*turned, positions))])  # fmt: skip
+                            prior_weights(chain), centre, *(a.ravel() for a in (*turned, positions))])  # fmt: skip
     if (key := given.tobytes()) not in cache:
         latest = cache.get("latest", given[:0])
         near = latest.size == given.size and np.abs(given - latest).max() < SAME_POSE
-        cache[key] = solved_stages(chain, positions, cache[latest.tobytes()] if near else ())
+        cache[key] = solved_stages(chain, positions, cache[latest.tobytes()] if near else (), centre)
         if not near:
             cache["latest"] = given
     return np.array(cache[key][-1].pose)
@@ -64,9 +65,22 @@ def solved_pose(model: Model, stations: list[Station], positions: Array) -> Arra
     return solved_stages(chain_of(model, stations), positions)[-1].pose
 
 
-def solved_stages(chain: Mechanics, positions: Array, near: Sequence[Minimum] = ()) -> list[Minimum]:
+def rates_through(chain: Mechanics, q: Array, velocities: Array) -> Array:
+    """Return the rates (N,) of the joint coordinates q (N,) of a chain whose S points move at `velocities` (S, 2 or 3)
+    [m/s], with the distance and weights of all stages of a pose together, per second.
+    """
+    slopes = chain.points_and_slopes(chain.coordinates(q))[1].reshape(-1, q.size) @ chain.from_joints
+    slopes, distance = np.sqrt(STAGES) * slopes, DISTANCE * chain.model.length
+    normal = slopes.T @ slopes / distance**2 + np.diag(prior_weights(chain))
+    return np.asarray(np.linalg.solve(normal, np.sqrt(STAGES) * slopes.T @ velocities.ravel() / distance**2))
+
+
+def solved_stages(
+    chain: Mechanics, positions: Array, near: Sequence[Minimum] = (), centre: Array | None = None,
+) -> list[Minimum]:
     """Return the minimum of each stage, for S points held at `positions` (S, 2 or 3) [m]. The search of a stage starts
-    from the minimum `near` if given, else from the pose of the stage before.
+    from the minimum `near` if given, else from the pose of the stage before. The first stage is about `centre` (N,);
+    default: the unloaded shape.
 
     Raises
     ------
@@ -74,7 +88,7 @@ def solved_stages(chain: Mechanics, positions: Array, near: Sequence[Minimum] = 
         When a stage finds no minimum.
     """
     problem = HeldPose(chain, positions, DISTANCE * chain.model.length, prior_weights(chain))
-    stages, centre = list[Minimum](), np.zeros(chain.size)
+    stages, centre = list[Minimum](), np.zeros(chain.size) if centre is None else centre
     for stage in range(STAGES):
         stages.append(problem.minimum(centre, near[stage] if near else Minimum(centre)))
         centre = stages[-1].pose

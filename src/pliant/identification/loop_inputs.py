@@ -22,6 +22,7 @@ class Numbers(NamedTuple):
     held: Any  # (n,) rad, absolute angles of the first rows
     held_base: Any  # rad
     phi: Any  # (n,) rad, at the start of the motion
+    rate: Any  # (n,) rad/s, of phi at the start of the motion
     h: Any  # (steps,) s
     torque: Any  # (steps, C) N m, of the chambers; one more column for a hand that lets go
     gain: Any  # (C, n) factor on that torque at each joint

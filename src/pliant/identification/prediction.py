@@ -25,7 +25,8 @@ def predict(
 
     Returns a dictionary with the keys "position", "angle", "pressure", "compared" (the predicted values that a fit
     compares) and "model". `values` holds parameter values by name; ``exp.name.parameter`` takes precedence over a
-    shared one. `time_step` is in s; default: the longest one, at most 2 ms, that resolves the modes of the model.
+    shared one. `time_step` is in s; default: the longest one, at most 2 ms (10 ms if none rings), that resolves the
+    modes of the model.
     """
     forward = forward_problem(model, exp, values, time_step or fit_step(model, values))
     rows = observed_rows(forward, forward.numbers, exp.time.size)[:, : len(exp.stations)]

@@ -110,8 +110,8 @@ def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator
     motion plus residuals in randomly drawn blocks of frames.
 
     A block has `width` frames. Blocks wrap around the end, so that every frame is drawn with equal probability.
-    Residuals are not centred: the mean error of the model stays. Missing observations stay missing, and a missing
-    residual counts as 0.
+    Residuals are not centred: the mean error of the model stays. Missing observations stay missing, those of a
+    warm-up stay as they are, and a missing residual counts as 0.
 
     Source: Politis and Romano (1992), the circular block bootstrap
     """
@@ -120,4 +120,4 @@ def redrawn(exp: Experiment, motion: Array, width: int, rng: np.random.Generator
     first = rng.integers(count, size=-(-count // width))
     index = ((first[:, None] + np.arange(width)) % count).ravel()[:count]
     drawn = np.nan_to_num(residual[index], nan=0.0)
-    return np.where(np.isfinite(exp.compared), motion + drawn, np.nan)
+    return np.where(np.isfinite(exp.compared), motion + drawn, exp.recorded)

@@ -11,13 +11,12 @@ from pliant.equations.observation import FURTHER, KINDS
 from pliant.identification.experiment import Experiment
 from pliant.identification.observation import modelled_rows, one_of_three, rotation_vectors, slopes_through, turns_off
 from pliant.identification.prediction import referenced_angles
-from pliant.preprocessing.detectors import quantum
+from pliant.preprocessing.detectors import quantum, white_noise
 
 Array = np.ndarray
 WEIGHTINGS = ("travel", "metre", "noise", "decay")
 LEAST_MOTION = 0.05  # of the peak displacement: frames with less motion to come weigh alike
 AT_END = 5  # frames that show where a motion ends
-LEAST_NOISE = 1e-9  # m and rad: recordings without noise keep finite weights
 
 
 class Observations:
@@ -93,7 +92,10 @@ class Observations:
         self.unknown += [] if noise_known else [(first + i, (0, 1, 2)) for i in range(values.shape[1])]
 
     def take(self, data: Array) -> None:
-        """Set the observed values (T, S, 3), NaN where nothing was seen, and the indices of those that were seen."""
+        """Set the observed values (T, S, 3), NaN where nothing was seen, and the indices of those that were seen. The
+        warm-up of the experiment is left out.
+        """
+        data = np.where(self.exp.warming[:, None, None], np.nan, data)
         self.data, self.seen = data, np.isfinite(data)
         self.rows, self.station, self.channel = np.nonzero(self.seen)
 
@@ -156,19 +158,6 @@ def measured_turns(quaternion: Array) -> tuple[Array, Array]:
     seen = np.isfinite(quaternion).all(axis=2)
     whole = np.where(seen[..., None], quaternion, [0.0, 0.0, 0.0, 1.0])
     return Rotation.from_quat(whole.reshape(-1, 4)).as_matrix().reshape(*seen.shape, 3, 3), seen
-
-
-def white_noise(data: Array) -> Array:
-    """Return the standard deviation (S, C) of white noise in the C coordinates of S stations, from second differences
-    of `data` (T, S, C) over T frames.
-    """
-    bend = np.abs(np.diff(data, 2, axis=0))
-    noise = np.full(data.shape[1:], 1.0)
-    for place in np.ndindex(*noise.shape):
-        column = bend[(slice(None), *place)]
-        if np.isfinite(column).any():
-            noise[place] = max(float(np.nanmedian(column)) / 0.6745 / np.sqrt(6.0), LEAST_NOISE)
-    return noise
 
 
 def decay_weights(exp: Experiment) -> Array:

@@ -169,7 +169,7 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
 def grown(exp: Experiment) -> float:
     """Return the axial strain of the body at its peak displacement, from arcs through its stations; at least 0."""
     seen = np.isfinite(exp.position).all(axis=(1, 2))
-    length, tip = arc_lengths(exp.position[seen]), exp.last_station[seen]
+    length, tip = arc_lengths(exp.position[seen]), exp.position[seen, -1]
     if length.size < 10:
         return 0.0
     moved = np.linalg.norm(tip - np.median(tip[:5], axis=0), axis=1)

@@ -23,6 +23,7 @@ SPIKE_RATIO = 10.0  # least ratio of a fault to its surroundings
 WINDOW = 6
 ORIENTATION_JUMP = np.deg2rad(30.0)
 GRID_SHARE, OFF_GRID = 0.5, 0.2  # most distinct values relative to all; tolerance of a whole number
+LEAST_NOISE = 1e-9  # m and rad: recordings without noise keep finite weights
 FLOOR_SHARE = 3e-3  # faults below this fraction of the station's peak displacement are ignored
 
 
@@ -287,3 +288,16 @@ def _nanmedian(values: NDArray) -> NDArray:
     ordered, seen = np.sort(values, axis=0), np.count_nonzero(~np.isnan(values), axis=0)[None]  # NaN comes last
     low, high = (np.take_along_axis(ordered, np.maximum(k, 0), axis=0)[0] for k in ((seen - 1) // 2, seen // 2))
     return 0.5 * (low + high)
+
+
+def white_noise(data: NDArray) -> NDArray:
+    """Return the standard deviation (S, C) of white noise in the C coordinates of S stations, from second differences
+    of `data` (T, S, C) over T frames.
+    """
+    bend = np.abs(np.diff(data, 2, axis=0))
+    noise = np.full(data.shape[1:], 1.0)
+    for place in np.ndindex(*noise.shape):
+        column = bend[(slice(None), *place)]
+        if np.isfinite(column).any():
+            noise[place] = max(float(np.nanmedian(column)) / 0.6745 / np.sqrt(6.0), LEAST_NOISE)
+    return noise

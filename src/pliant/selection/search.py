@@ -16,7 +16,8 @@ from pliant.identification.fit import check_choices, finished, fit
 from pliant.identification.optimise import solve
 from pliant.identification.parameters import Parameter, shared_name
 from pliant.identification.result import FitResult
-from pliant.model import Model
+from pliant.mechanics import mechanics_of
+from pliant.model import Model, Tendon
 from pliant.options import with_defaults
 from pliant.selection.criterion import effective_numbers, groups_of, left_out
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
@@ -139,13 +140,18 @@ def check_options(how: SearchOptions) -> None:
 
 def beginning(model: Model, train: Sequence[Experiment], common: Sequence[Entry]) -> list[Entry]:
     """Return the parameters with which a search begins: those in `common`, and unless these replace them stiffness,
-    damping and a torque proportional to each input.
+    damping and a torque proportional to each input; of a body that lengthens also axial damping and the axial force of
+    each chamber. Its axial stiffness is stated: only the ratio of the forces to it shows.
     """
     stated = {e if isinstance(e, str) else e.name for e in common}
     kinds = {shared_name(name.removesuffix("_*")) for name in stated}
     names = [n for n in ("stiffness", "damping") if n not in kinds and "body_stiffness" not in kinds]
     if any(e.excitation != "release" for e in train):
         names += [n for n in torque_names(model) if n not in stated]
+    if mechanics_of(model).lengthens and not isinstance(model.chambers[0], Tendon):
+        names += [n for n in ("axial_damping",) if n not in kinds]
+        names += [f"{start}axial_gain" for start, chamber in zip(prefixes(model), model.chambers, strict=True)
+                  if not isinstance(chamber, Tendon) and f"{start}axial_gain" not in stated]  # fmt: skip
     return [*common, *names]
 
 

@@ -94,6 +94,17 @@ def mode_steps(
     return np.where(2.0 * moved > tolerance, np.sqrt(tolerance / np.maximum(error, 1e-300)), np.inf)
 
 
+def rings(model: Model) -> bool:
+    """Return whether a mode of vibration that noticeably moves the tip is less than critically damped. A model without
+    a stable equilibrium is taken to ring.
+    """
+    try:
+        omega, decay, moved = tip_modes(model)
+    except SimulationError:
+        return True
+    return bool((decay < omega)[2.0 * moved > TOLERANCE].any())
+
+
 def warn_too_coarse(model: Model, time_step: float) -> None:
     """Issue an `AccuracyWarning` if a step [s] causes an error above 1 % of the length in any noticeable mode."""
     omega, decay, moved = tip_modes(model)

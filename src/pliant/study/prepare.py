@@ -146,6 +146,9 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         body = leave_out_spikes(body, stations)
     lines = [*glitches, *findings, *held_sentences(raw), *left_out_columns(raw), *inputs_in_words(entry, raw, name)]
     lines += [str(line) for line in looked.findings]
+    if entry.every > 1:
+        lines.append(f"each frame of {entry.every} is used, {-(-body.sizes['time'] // entry.every)} of "
+                     f"{body.sizes['time']}")  # fmt: skip
     if tip:
         lines.append(tip)
     elif body is not raw or alignment.swaps:
@@ -245,11 +248,13 @@ def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experime
     entry: Recording = study.recordings[name]
     base = alignment_of(recording).base if "alignment" in recording.attrs else "base"
     stations = entry.stations or moving_stations(name, recording, base)
-    return experiment(
+    full = experiment(
         name, recording, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
         angles=entry.angles, held=entry.held, forces=known_forces(entry, recording),
         drive=entry.drive, own_places=entry.own_places, poses=entry.poses, inputs=entry.inputs,
+        start=entry.start, warm_up=entry.warm_up,
     )
+    return full.thinned(entry.every) if entry.every > 1 else full
 
 
 def moving_stations(name: str, recording: xr.Dataset, base: str) -> list[str]:

@@ -19,6 +19,7 @@ from pliant.failures import FAILED, Failures, NotComputed, fit_failure
 from pliant.files import output_folder, replaced_together, write_text
 from pliant.identification import Experiment
 from pliant.identification.drives import at_rest
+from pliant.identification.starts import start_note
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.selection import ModelSelection
@@ -212,9 +213,10 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
     dropped = without_motion(experiments, model.length) | far
     doubts = (*doubts, *(f"{line}." for line in far.values()))
     idle = {n: reason for n, e in experiments.items() if (reason := at_rest(model, e))}
-    for line in (*dropped.values(), *idle.values()):
+    begun = {n: note for n, e in experiments.items() if (note := start_note(e))}
+    for line in (*dropped.values(), *idle.values(), *(f"{n}: {note}" for n, note in begun.items())):
         notify(line)
-    findings = {n: (*a.findings, *(s[n] for s in (dropped, idle) if n in s)) for n, a in aligned.items()}
+    findings = {n: (*a.findings, *(s[n] for s in (dropped, idle, begun) if n in s)) for n, a in aligned.items()}
     found_clocks = {n: a.clocks for n, a in aligned.items() if a.clocks is not None}
     bodies = {n: a.body for n, a in aligned.items()}
     return PreparedStudy(

@@ -13,7 +13,7 @@ from pliant.file_kinds import MAPPING, STUDY, SWEEP, kind_of_file, refuse_other
 from pliant.files import read_entries
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
-from pliant.identification.from_recording import Angles
+from pliant.identification.from_recording import Angles, Start
 from pliant.model.tables import Table
 from pliant.selection.terms import known_term
 from pliant.study.body_tables import ActuatorEntry
@@ -103,6 +103,9 @@ class Recording(StudyEntry):
     poses: bool | Literal["median"] = False  # each row is a settled pose; "median": all rows are one, their median
     inputs: dict[str, float] = {}  # input of the model -> its value in all rows, SI, where the file holds none
     own_places: bool = False  # station positions from this recording's first frames, at rest
+    start: Start | None = None  # of its simulation; default: "moving" if the first frames show a motion
+    every: int = Field(1, ge=1)  # each such frame is used
+    warm_up: float = Field(0.0, ge=0)  # s from the first frame on that are simulated, but not compared
     angles: Angles = False  # fit the angles too (of a dense shape: of its joints), or "only" them
     forces: list[KnownForce] = []
     alignment: AlignmentEntry | None = None  # takes precedence over the study's
@@ -187,7 +190,7 @@ class Study(StudyEntry):
     forecasts: dict[str, ForecastEntry] = {}
     targets: Targets = Targets()
     sweep: Sweep | None = None
-    time_step: float | None = Field(None, gt=0, le=0.1)  # s; None: chosen for the start of each fit, at most 2 ms
+    time_step: float | None = Field(None, gt=0, le=0.1)  # s; None: chosen for the start of each fit, at most 2 or 10 ms
     seed: int = 0
     folder: str = "."  # start of relative file names; set when the study is loaded
 

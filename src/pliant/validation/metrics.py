@@ -202,8 +202,10 @@ def first_plateau(exp: Experiment, t: Array) -> Array | None:
     low = np.flatnonzero(level[:start] < AT_REST)
     left = np.flatnonzero(level[start:] < LEAVES)
     run = on & (np.arange(t.size) < (start + left[0] if left.size else t.size))
+    if not run.any() or not low.size:  # the frames begin on the plateau, or on its way down
+        return None
     duration = t[run][-1] - t[start]
-    if not low.size or t[start] - t[low[-1]] > ONE_STEP * max(duration, float(np.median(np.diff(t)))):
+    if t[start] - t[low[-1]] > ONE_STEP * max(duration, float(np.median(np.diff(t)))):
         return None
     others = [trace(t) / peak(trace.pressure) for trace in exp.traces.values() if trace.pressure.any()]
     settled = run & (t >= t[start] + AT_REST * duration)
