@@ -96,3 +96,20 @@ def test_bad_input_is_refused():
         select_model(two(chain()), GIVEN, minutes=0.0)
     with pytest.raises(TypeError, match="stages"):
         select_model(two(chain()), GIVEN, stages=[])
+
+
+def test_an_interrupt_leaves_the_best_model_so_far():
+    told: list[str] = []
+
+    def interrupt(line: str) -> None:
+        told.append(line)
+        if len(told) == 2:
+            raise KeyboardInterrupt
+
+    soft = chain(stiffening=np.full(2, -0.4), stiffening_bound=np.full(2, 0.75))
+    found = select_model(two(soft), GIVEN, terms=terms_for(GIVEN, two(soft), only=["softening", "torque_2"]),
+                         progress=interrupt)
+    assert found.terms == ("softening",)
+    assert "interrupted" in found.reason
+    assert "interrupted" in told[-1]
+    assert found.result.values["stiffening"] == pytest.approx(-0.4, rel=0.2)

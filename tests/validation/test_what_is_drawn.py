@@ -11,6 +11,7 @@ from matplotlib import animation
 from pliant.errors import InputError
 from pliant.selection import ModelSelection, SelectionStep
 from pliant.validation import figures
+from pliant.validation.draw import map_error
 from pliant.validation.motion import body_film
 from pliant.validation.selection_figures import selection_figure, shape_figure
 
@@ -126,6 +127,19 @@ def test_a_model_selection_shows_the_errors_of_each_model_and_the_choice():
                      "chosen": [[2, 3.9]]}
     assert [t.get_text() for t in ax.texts] == ["first", "+ creep", "without lag"]
     assert ax.get_xlabel() == "free parameters"
+    (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0), 5.0).axes
+    (line,) = (line for line in ax.lines if line.get_label() == "plain map, left out")
+    assert list(line.get_ydata()) == [5.0, 5.0]
+    assert line.get_linestyle() == ":"
+
+
+def test_the_error_of_the_plain_map_is_scaled_to_left_out_parts():
+    plain = SimpleNamespace(left_out_error=3.0, training_error=2.0, records={
+        name: {"rmse_percent_of_travel": error} for name, error in (("a", 4.0), ("b", 6.0), ("c", 99.0))
+    })
+    records = [SimpleNamespace(name=n, role=role) for n, role in (("a", "train"), ("b", "train"), ("c", "held_out"))]
+    assert map_error(SimpleNamespace(baseline=plain, records=records)) == pytest.approx(7.5)
+    assert map_error(SimpleNamespace(baseline=None, records=records)) is None
 
 
 @pytest.mark.parametrize("chambers", [1, 2])

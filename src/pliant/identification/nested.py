@@ -97,8 +97,8 @@ def stated_values(model: Model) -> dict[str, float]:
 def inside(problem: Problem, x: Array) -> Array:
     """Return the scaled parameters x (P,) moved off their bounds: a search that starts on a bound hardly moves."""
     lower, upper = problem.bounds
-    room = np.minimum(OFF_BOUND, 0.1 * (upper - lower))
-    return np.clip(x, lower + room, upper - room)
+    margin = np.minimum(OFF_BOUND, 0.1 * (upper - lower))
+    return np.clip(x, lower + margin, upper - margin)
 
 
 def excess_phrase(excess: Mapping[str, float]) -> str:

@@ -173,8 +173,8 @@ def in_plane(position: Array, camera: Camera, folder: Path) -> tuple[Array, str]
     """
     lost = lost_frames(position[..., :2])
     place = with_z(camera.metres(np.where(lost[..., None], np.nan, position[..., :2]), folder))
-    told = f"; {int(lost.sum())} point(s) at the pixel that stands for a lost one are gaps" if lost.any() else ""
-    return place, camera.description(folder) + told
+    note = f"; {int(lost.sum())} point(s) at the pixel that stands for a lost one are gaps" if lost.any() else ""
+    return place, camera.description(folder) + note
 
 
 def with_z(place: Array) -> Array:

@@ -81,7 +81,8 @@ def select_model(
     terms : sequence of Term, optional
         Terms that may be added; default: `terms_for` of the model and recordings.
     minutes : float
-        Time limit. When it is reached, the best model so far is the result, and its reason says so.
+        Time limit. When it is reached, or at an interrupt (Ctrl-C), the best model so far is the result, and its reason
+        says so.
     time_step : float, s
         As in `fit`.
     weighting, loss, rng
@@ -199,10 +200,14 @@ class Search:
     def run(self) -> ModelSelection:
         """Add terms until none helps, drop those that are not needed, and return the selection."""
         stop = ""
-        while not stop:
-            stop = self.add_term()
-        while self.drop_term() or self.hold_parameter():
-            pass
+        try:
+            while not stop:
+                stop = self.add_term()
+            while self.drop_term() or self.hold_parameter():
+                pass
+        except KeyboardInterrupt:
+            stop = "it was interrupted, and this is the best model so far"
+            self.notify("interrupted: the best model so far is fitted and judged; press Ctrl-C again to stop at once")
         result = self.final_fit()
         names = tuple(term.name for term in self.chosen)
         return ModelSelection(tuple(self.steps), names, self.reason(stop), result, clock.monotonic() - self.began)

@@ -110,7 +110,8 @@ def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> 
     if outcome.model_selection:
         from pliant.validation.selection_figures import selection_figure
 
-        yield "model_selection", partial(selection_figure, outcome.model_selection)
+        (fit,) = (f for f in outcome.fits if f.name == "model_selection")
+        yield "model_selection", partial(selection_figure, outcome.model_selection, map_error(fit))
     if outcome.shape:
         from pliant.validation.selection_figures import order_figure, shape_figure
 
@@ -118,6 +119,18 @@ def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> 
         yield f"shape-{outcome.shape.name}", partial(shape_figure, outcome.shape)
     for forecast in outcome.forecasts:
         yield f"forecast-{forecast.name}", partial(figures.forecast_figure, forecast)
+
+
+def map_error(fit: FitOutcome) -> float | None:
+    """Return the error of a fit's plain map on left-out parts of the training recordings, % of their mean peak
+    displacement; None if there is no map or nothing was left out.
+    """
+    plain = fit.baseline
+    if plain is None or plain.left_out_error is None or not plain.training_error:
+        return None
+    names = [r.name for r in fit.records if r.role == "train" and r.name in plain.records]
+    errors = [float(plain.records[n]["rmse_percent_of_travel"]) for n in names]
+    return sum(errors) / len(errors) * plain.left_out_error / plain.training_error if errors else None
 
 
 def compared(fits: Sequence[FitOutcome], records: Sequence[str]) -> Iterator[tuple[str, Draw]]:

@@ -49,7 +49,7 @@ RESIDUALS = (("black", "-"), ("#c1440e", (0, (4, 1.5))), ("#0b6b5b", (0, (1, 1))
 MODELLED: dict[str, Any] = {"color": "#0b2f6b", "linestyle": "-", "linewidth": 0.9, "label": "modelled"}
 
 BASELINE: dict[str, Any] = {"color": "#7a1f00", "linestyle": (0, (1, 1.5)), "linewidth": 1.2, "label": "plain map"}
-ROOM = 0.3  # of the range of measured and modelled values: how far the axis extends for a plain map
+MARGIN = 0.3  # of the range of measured and modelled values: how far the axis extends for a plain map
 
 
 @contextmanager
@@ -297,8 +297,8 @@ def draw_baseline(ax: Axes, record: RecordOutcome, station: int, axis: int) -> N
         return
     factor, (low, high) = record.experiment.shown_in[1], ax.get_ylim()
     ax.plot(*thin(record.experiment.time, factor * record.baseline[:, station, axis]), **BASELINE)
-    room, (lowest, highest) = ROOM * (high - low), ax.get_ylim()
-    ax.set_ylim(max(lowest, low - room), min(highest, high + room))
+    margin, (lowest, highest) = MARGIN * (high - low), ax.get_ylim()
+    ax.set_ylim(max(lowest, low - margin), min(highest, high + margin))
 
 
 def draw_residuals(ax: Axes, time: Array, residual: Array) -> None:

@@ -192,7 +192,7 @@ def first_plateau(exp: Experiment, t: Array) -> Array | None:
     """Return a boolean for each of the times `t` [s], True on the first plateau of the pressure, if the pressure rises
     to it from rest in one step while no other input changes; None otherwise.
 
-    An overshoot is a trait of such a step alone: a body that climbs through several levels shows none.
+    An overshoot is a trait of such a step alone: a body that goes through several levels shows none.
     """
     on = on_window(exp, t)
     if on is None or not on.any() or exp.pressure is None:

@@ -75,9 +75,10 @@ def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
     return first, second, third
 
 
-def selection_figure(selection: ModelSelection) -> Any:
+def selection_figure(selection: ModelSelection, plain_map: float | None = None) -> Any:
     """Draw the errors of the training recordings and of their left-out parts against the number of free parameters, for
-    each model on the way of a model selection. Terms that were fitted and not taken are open marks.
+    each model on the way of a model selection. A dotted line shows the error of the plain map on left-out parts, in %
+    of the peak displacement, if it is given.
     """
     steps = selection.steps
     with drawing():
@@ -91,6 +92,8 @@ def selection_figure(selection: ModelSelection) -> Any:
                         (free[k], step.left_out_percent), xytext=(5, 4), textcoords="offset points", fontsize=6.5)
         ax.plot(free[-1], steps[-1].left_out_percent, color=DARK, marker="s", markersize=8, fillstyle="none",
                 linestyle="", label="chosen")
+        if plain_map is not None:
+            ax.axhline(plain_map, color="black", linestyle=":", linewidth=1.0, label="plain map, left out")
         ax.set(xlabel="free parameters", ylabel="error (% of peak displacement)", yscale="log",
                xlim=(min(free) - 0.5, max(free) + 0.35 * (max(free) - min(free)) + 2.0))
         ax.legend()

@@ -24,7 +24,7 @@ MOST_FRAMES = 4000  # limit for a plot of the dense shape
 PROFILES, PLACES = 60, 120  # curvature profiles, and positions along each
 LEVELS = 65_000  # number of integer levels for an array's range; -32768 marks missing values
 GAP = -32_768
-ROOM = 0.3  # of the range of measured and modelled values: beyond, the plain map is not drawn
+MARGIN = 0.3  # of the range of measured and modelled values: beyond, the plain map is not drawn
 
 
 def page_data(outcome: StudyOutcome, pack: Pack) -> dict[str, Any]:
@@ -133,8 +133,8 @@ def visible(record: RecordOutcome) -> Array:
     """
     shown = np.concatenate([record.experiment.compared, record.modelled])
     low, high = np.nanmin(shown, axis=0), np.nanmax(shown, axis=0)
-    room, baseline = ROOM * (high - low), np.asarray(record.baseline)
-    return np.where((baseline >= low - room) & (baseline <= high + room), baseline, np.nan)
+    margin, baseline = MARGIN * (high - low), np.asarray(record.baseline)
+    return np.where((baseline >= low - margin) & (baseline <= high + margin), baseline, np.nan)
 
 
 def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:
