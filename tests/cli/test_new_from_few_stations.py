@@ -52,8 +52,8 @@ def test_a_log_of_two_chambers_is_joined_on_the_clock_of_the_shape(arm):
     assert done.exit_code == 0, done.exception or done.output
     content = tomllib.loads((arm / "t.toml").read_text())
     left, right = content["actuator"]["chambers"]
-    assert (left["name"], right["name"], right["gain"]) == ("left", "right", -1.0)
-    assert "gain" not in left
+    assert (left["name"], right["name"], right["joint_gain"]) == ("left", "right", -1.0)
+    assert "joint_gain" not in left
     entry = content["recordings"]["arm"]
     assert (entry["file"], entry["pressure_file"]) == ("arm.csv", "arm_log.csv")
     assert entry["drive"] == {"left": "left", "right": "right"}

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from pliant.compiler.twin import rebuild
 from pliant.equations import spatial_observation
 from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, TURN_X, TURN_Y, TURN_Z, observe_rows
-from pliant.equations.spatial_observation import angle_over_sine
+from pliant.equations.spatial_observation import angle_over_sine, tilt
 from pliant.mechanics import mechanics_of
 from pliant.model import Extension, Space, Station, chain_model
 
@@ -40,6 +40,12 @@ def observed(chain, x, rows, values):
 def test_an_angle_over_its_sine(angle):
     expected = angle / np.sin(angle) if angle else 1.0
     assert angle_over_sine(np.cos(angle)) == pytest.approx(expected, rel=1e-9 if angle > 3.1 else 1e-12)
+
+
+@pytest.mark.parametrize("angle", [1e-3, 0.4, 1.5, 3.0])
+def test_a_tilt_is_the_angle_from_the_axis(angle):
+    z = np.array([np.sin(angle) * np.cos(0.7), np.sin(angle) * np.sin(0.7), np.cos(angle)])
+    assert tilt(z) == pytest.approx(angle, rel=1e-6)
 
 
 def test_a_position_is_that_of_the_mechanics_and_so_are_its_slopes(chain, rng):

@@ -88,7 +88,7 @@ def test_a_recording_brings_its_wires(rng):
         half_turn(make_recording(TIMES, seen, frame="planar", **parts))
     raw = make_recording(TIMES, np.pad(seen, ((0, 0), (0, 0), (0, 1))), **parts)
     with pytest.raises(InputError, match="align would lose wire_of_tests"):
-        align(raw, base="s000", tangent="+y", plane="+z", rest=(0.0, 0.1))
+        align(raw, origin=[0.0, -0.1, 0.0], tangent="+y", plane="+z", rest=(0.0, 0.1))
     corners = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.02, 0.0]])
     many = make_recording(TIMES, raw["position"].values + corners, further={NAME: np.tile(wires, 3)})
     with pytest.raises(InputError, match="assembling clusters would lose wire_of_tests"):

@@ -209,7 +209,7 @@ def test_a_body_pulled_aside_begins_in_the_pose_that_was_measured(truth: Model, 
     exp = released(truth, force=0.8)
     exp = replace(exp, held=exp.position[0])
     begun = predict(truth, exp, {"r.release": 0.2071}, 1e-3)["position"][0]
-    np.testing.assert_allclose(begun, exp.position[0], atol=1e-8)
+    np.testing.assert_allclose(begun, exp.position[0], atol=1e-7)  # m: the bends of a held pose have a prior
     found = fit([exp], truth.with_(stiffness=1.2, damping=4e-3), ["stiffness", "damping"], time_step=1e-3, starts=1)
     assert found.values["stiffness"] == pytest.approx(0.9, rel=1e-3)
     assert found.values["r.release"] == pytest.approx(0.2071, abs=5e-4)

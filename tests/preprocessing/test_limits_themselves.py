@@ -9,6 +9,7 @@ from pliant.errors import InputError
 from pliant.preprocessing import sync as sync_module
 from pliant.preprocessing.align import align
 from pliant.preprocessing.lag_model import (
+    FIRST,
     Fitted,
     LagFrame,
     TimeSeries,
@@ -172,7 +173,7 @@ def test_a_fit_adds_the_hysteresis_and_sees_a_pressure_that_is_up(monkeypatch, f
     """Three hundredths of the time of an edge of 0.4 s; the pressure begins three tenths of its range up."""
     monkeypatch.setattr(LagFrame, "standard_errors", lambda self, x, residual: np.full(x.size, 0.009))
     ramp = np.clip((TIME - 2.0) / 0.4, 0.0, 1.0) - np.clip((TIME - 5.0) / 0.4, 0.0, 1.0)
-    ramp[0] = first
+    ramp[:FIRST] = first
     log = series(np.stack([ramp, ramp], axis=1), TIME)
     found = fit_lag(series(np.roll(ramp, 4), TIME), log, 0.03, starts=((8.0, 0.7),), evaluations=3)
     assert found.uncertainty == pytest.approx(np.hypot(0.009, 0.03 * edge_time(log)))
@@ -199,33 +200,6 @@ def test_a_drift_is_looked_for_on_request_alone(monkeypatch):
     monkeypatch.setattr(sync_module, "fit_lag", None)
     found = sync_module.sync(clocks())
     assert (found.delay_s, found.drift, found.drift_uncertainty, found.warnings) == (0.25, 0.0, 0.0, ())
-
-
-@pytest.mark.parametrize(
-    ("drift", "sigma", "explained", "used", "warned"),
-    [
-        (0.00390625, 0.001, 0.75, True, False),
-        (-0.00390625, 0.001, 0.75, True, False),
-        (0.00375, 0.00125, 0.75, False, False),  # three standard errors
-        (0.00390625, 0.001, 0.74, False, False),  # it explains less than without
-        (0.005, 0.001, 0.75, True, False),
-        (-0.0051, 0.001, 0.75, True, True),
-    ],
-)
-def test_a_drift_is_used_where_it_is_clear(monkeypatch, drift, sigma, explained, used, warned):
-    asked = []
-
-    def fit(body, pressure, guess, **options):
-        asked.append((guess, options["starts"], options["drift"]))
-        return fitted(delay=0.5, drift=drift, drift_uncertainty=sigma, explained=explained)
-
-    best = fitted(delay=0.25, explained=0.75, frequency=3.0, damping=0.2)
-    monkeypatch.setattr(sync_module, "two_best", lambda body, pressure, delays: (best, None))
-    monkeypatch.setattr(sync_module, "fit_lag", fit)
-    found = sync_module.sync(clocks(), drift=True)
-    assert asked == [(0.25, ((3.0, 0.2),), True)]
-    assert (found.delay_s, found.drift, found.drift_uncertainty) == ((0.5, drift, sigma) if used else (0.25, 0.0, 0.0))
-    assert any("is larger than between real clocks" in line for line in found.warnings) == warned
 
 
 def test_the_four_best_offsets_apart_from_each_other_are_fitted(monkeypatch):

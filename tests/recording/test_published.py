@@ -85,7 +85,10 @@ def test_the_command_lists_and_fetches(mirror):
 def test_every_example_names_files_that_are_known():
     used = set()
     for path in (ROOT / "examples").glob("*.toml"):
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        if "No licence is stated" in text:  # these recordings may not be passed on: the file says where they are
+            continue
+        content = tomllib.loads(text)
         files = [r["file"] for r in content.get("recordings", {}).values() if "file" in r]
         assert all(f.startswith("data:") for f in files), path
         used |= {f.removeprefix("data:") for f in files}

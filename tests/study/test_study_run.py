@@ -384,7 +384,7 @@ def test_a_dense_shape_without_a_fibre_has_no_status_of_a_tip(tmp_path: Path, fo
     content |= {"reduction": {"links": 3}, "alignment": {}}
     content["fits"]["linear"] |= {"train": ["dense"], "held_out": []}
     ready = prepare_all(load_study(write_study(tmp_path, content, recordings=False)), lambda _line: None)
-    assert bool(ready.findings["dense"]) == found
+    assert bool([line for line in ready.findings["dense"] if "begins in motion" not in line]) == found
     assert ready.shape is not None
     assert ready.shape.tip_status == ""
     assert ready.model.n == 3

@@ -118,12 +118,15 @@ def begins_in_motion(exp: Any) -> bool:
     """Return whether the last station of an experiment moves in its first frames: by more than their noise, by more
     than 1 % of the peak displacement, and no slower in the first five of them.
 
-    False where the simulation does not begin with the recording's inputs, or the first frames come too late.
+    False where the simulation does not begin with the recording's inputs, the first frames come too late, or a station
+    has too few distinct ones.
     """
     if not may_move(exp):
         return False
+    if min(len(first_frames(exp, k)[0]) for k in range(len(exp.stations))) < LEAST_FRAMES:
+        return False
     time, position = first_frames(exp, len(exp.stations) - 1)
-    if len(time) < LEAST_FRAMES or time[-1] - exp.time[0] > LATEST:
+    if time[-1] - exp.time[0] > LATEST:
         return False
     noise = float(white_noise(distinct_frames(exp, len(exp.stations) - 1)[1][:, None]).max())
     path = float(np.linalg.norm(position[-1] - position[0]))

@@ -140,8 +140,9 @@ def visits_of(path: Path, mark: int) -> Visits | None:
     largest = np.maximum(np.where(np.isnan(largest), np.nanmax(step), largest), np.finfo(float).tiny)
     point = path.point[run[0]]
     away = np.linalg.norm(path.point[others] - point, axis=1)
-    into = np.where(after > 0, away[np.maximum(after - 1, 0)] / largest, np.inf)
-    out = np.where(after < len(others), away[np.minimum(after, len(others) - 1)] / largest, np.inf)
+    with np.errstate(over="ignore"):  # beside steps of 0
+        into = np.where(after > 0, away[np.maximum(after - 1, 0)] / largest, np.inf)
+        out = np.where(after < len(others), away[np.minimum(after, len(others) - 1)] / largest, np.inf)
     return Visits(run, into, out, (after == 0) | (after == len(others)), others, steps)
 
 
