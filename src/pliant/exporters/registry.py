@@ -172,12 +172,12 @@ def export(
     lost = tuple(k for k in missing(loaded, exporter.can) if k not in exporter.by_nature)
     if lost and not exporter.moves:
         raise InputError(
-            f"{listed(named(loaded, lost), most=len(FEATURES))}: not expressible in {target}, which has no springs and no pressure, "
+            f"{', '.join(named(loaded, lost))}: not expressible in {target}, which has no springs and no pressure, "
             "so that the difference cannot be measured: export a model without this feature"
         )
     if lost and not approximate:
         raise InputError(
-            f"{listed(named(loaded, lost), most=len(FEATURES))}: not expressible in {target}: use approximate (--approximate) to omit "
+            f"{', '.join(named(loaded, lost))}: not expressible in {target}: use approximate (--approximate) to omit "
             "it and to measure by how much the motion then differs"
         )
     reduced = without(loaded, lost)
