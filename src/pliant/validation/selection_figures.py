@@ -96,5 +96,7 @@ def selection_figure(selection: ModelSelection, plain_map: float | None = None) 
             ax.axhline(plain_map, color="black", linestyle=":", linewidth=1.0, label="plain map, left out")
         ax.set(xlabel="free parameters", ylabel="error (% of peak displacement)", yscale="log",
                xlim=(min(free) - 0.5, max(free) + 0.35 * (max(free) - min(free)) + 2.0))
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.yaxis.set_minor_formatter("{x:g}")
         ax.legend()
     return figure
