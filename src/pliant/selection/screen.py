@@ -96,13 +96,10 @@ def screened_together(
     """Return the proposals of terms that one model can hold at their null values, from one Jacobian."""
     values = parent.values
     added = [p.with_(shrink=0.0) for term, row in panel for p in term.at_null(row, values)]
-    names = {p.name for p in added}
-    kept = [p.with_(free=False, prior=None, prior_std=None, shrink=0.0) for p in parent.parameters
-            if p.name not in names]
-    problem = setting.problem(panel[0][0].model(model), [*kept, *added])
+    problem = setting.problem(panel[0][0].model(model), [*held_parent(parent, added), *added])
     columns = problem.data_jacobian(problem.start)
     place = {p.name: k for k, p in enumerate(problem.free)}
-    found = []
+    proposals = []
     for term, row in panel:
         mine = [place[p.name] for p in term.adds if p.name in place]
         scale = problem.scale[mine]
@@ -112,8 +109,15 @@ def screened_together(
         parameters = {p.name: p for p in term.adds}
         part = min((within(parameters[n], at_null[n], target[n]) for n in at_null), default=1.0)
         reached = {n: at_null[n] + part * (target[n] - at_null[n]) for n in at_null}
-        found.append(TermProposal(term, row, cost, at_null, reached, part > LEAST_STEP))
-    return found
+        proposals.append(TermProposal(term, row, cost, at_null, reached, part > LEAST_STEP))
+    return proposals
+
+
+def held_parent(parent: FittedModel, added: Iterable[Parameter]) -> list[Parameter]:
+    """Return the parameters of the parent, held at their values, without those that are `added` to them."""
+    names = {p.name for p in added}
+    return [p.with_(free=False, prior=None, prior_std=None, shrink=0.0) for p in parent.parameters
+            if p.name not in names]
 
 
 def tried_out(
@@ -123,10 +127,7 @@ def tried_out(
     one row of its grid counts as the column of a parameter between 0 and 1.
     """
     mine = [p.with_(free=False) for p in term.begun(row, {})]
-    names = {p.name for p in mine}
-    kept = [p.with_(free=False, prior=None, prior_std=None, shrink=0.0) for p in parent.parameters
-            if p.name not in names]
-    problem = setting.problem(term.model(model), [*kept, *mine])
+    problem = setting.problem(term.model(model), [*held_parent(parent, mine), *mine])
     moved = problem.data_residual(problem.start)
     if problem.broken:
         raise SimulationError(problem.broken)

@@ -37,7 +37,7 @@ MINUTES = 5.0
 RESERVE = 0.15  # of the time: kept for the last fit
 LAST_EVALUATIONS = 60
 OUT_OF_TIME = "the time limit was reached: raise minutes to go on"
-NO_BETTER = "no further term improves the prediction of left-out parts by 3 % of its square"
+NO_BETTER = "no further term lowers the squared error of left-out parts by 3 %"
 
 
 class SearchOptions(TypedDict, total=False):
@@ -281,25 +281,27 @@ class Search:
         for proposal in proposals[:REFITS]:
             if children and min(child.cost for _, child, _ in children) < proposal.cost:
                 break  # already better than the screen promises of this one
-            tries += 1
             if self.late:
-                return OUT_OF_TIME
-            child, trial = self.child(proposal)
+                break
+            tries += 1
+            better, trial = self.child(proposal)
             trials.append(trial)
-            if child is not None:
-                children.append((self.scored(child), child, proposal.term))
+            if better is not None:
+                children.append((*better, proposal.term))
         trials += [TriedTerm(p.term.name, p.term.title, p.cost, reason="other terms promise more")
                    for p in proposals[tries:]]
         self.steps[-1] = replace(self.steps[-1], tried=tuple(trials))
         if not children:
-            return NO_BETTER
+            return OUT_OF_TIME if self.late else NO_BETTER
         self.score, self.best, term = min(children, key=lambda c: c[0])
         self.chosen.append(term)
         self.record(term.name, term.title)
         return ""
 
-    def child(self, proposal: TermProposal) -> tuple[FittedModel | None, TriedTerm]:
-        """Fit the model with one more term. Return the fit, or None if the term is refused, and what was tried."""
+    def child(self, proposal: TermProposal) -> tuple[tuple[float, FittedModel] | None, TriedTerm]:
+        """Fit the model with one more term. Return the criterion and the fit, or None if the term is refused, and what
+        was tried.
+        """
         term, trial = proposal.term, TriedTerm(proposal.term.name, proposal.term.title, proposal.cost)
         gone = {*term.replaces, *(p.name for p in term.adds)}
         others = [p for p in self.best.parameters if p.name not in gone]
@@ -323,7 +325,7 @@ class Search:
         by = f"{100 * (np.sqrt(score / self.score) - 1):+.2g} %"
         if score > (1 - MATERIAL) * self.score:
             return None, trial._replace(reason=f"left-out parts are predicted no better (error {by})")
-        return best, trial._replace(reason=f"left-out parts are predicted better (error {by})")
+        return (score, best), trial._replace(reason=f"left-out parts are predicted better (error {by})")
 
     def drop_term(self) -> bool:
         """Drop the term without which left-out parts are predicted best, if the model does not need it. Return whether
