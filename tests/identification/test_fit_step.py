@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pliant.identification import Experiment, fit, identifiability, predict, predict_held_out
-from pliant.identification.fit_step import LONGEST, LONGEST_OVER_DAMPED, fit_step, starting_step
+from pliant.identification.fit_step import LONGEST, LONGEST_OVER_DAMPED, fit_step
 from pliant.model import Model, Station
 from pliant.selection import select_model
 from pliant.simulation import Trace
@@ -29,7 +29,6 @@ def test_the_step_follows_the_values_at_the_start(truth: Model) -> None:
     stiff = truth.with_(**STIFF)
     assert fit_step(truth, {**STIFF, "t.start": 0.1}) == fit_step(stiff, {}) <= longest_step(stiff) < LONGEST
     assert fit_step(stiff, {"stiffness": 0.9, "damping": 6e-3}) == LONGEST
-    assert starting_step([], truth, ["stiffness"]) == LONGEST, "without recordings nothing can be estimated"
 
 
 @pytest.mark.parametrize("factor", [1.0, 3.0, 30.0])

@@ -1,4 +1,4 @@
-"""The search on data of a known structure, on a rod that is no chain, and on recordings that show nothing."""
+"""The search on data of a known structure, at its time limit and interrupts, and on recordings that show nothing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pliant.errors import FitError, InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Extension, Memory, Model, Station, chain_model
 from pliant.selection import select_model, terms_for
-from pliant.selection.search import beginning
+from pliant.selection.search import Search, beginning
 from pliant.simulation import Trace, simulate
 
 TIMES = np.arange(0.0, 2.0, 0.02)
@@ -113,3 +113,12 @@ def test_an_interrupt_leaves_the_best_model_so_far():
     assert "interrupted" in found.reason
     assert "interrupted" in told[-1]
     assert found.result.values["stiffening"] == pytest.approx(-0.4, rel=0.2)
+
+
+def test_a_term_that_is_fitted_when_the_time_ends_is_kept(monkeypatch):
+    soft = chain(stiffening=np.full(2, -0.4), stiffening_bound=np.full(2, 0.75))
+    asked = iter([False, False])  # at the beginning of the step, and before its first fit
+    monkeypatch.setattr(Search, "late", property(lambda _self: next(asked, True)))
+    found = select_model(two(soft), GIVEN, terms=terms_for(GIVEN, two(soft), only=["softening"]))
+    assert found.terms == ("softening",)
+    assert "the time limit was reached" in found.reason

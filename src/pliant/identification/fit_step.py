@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping
 
-from pliant.errors import PliantError
-from pliant.identification.experiment import Experiment
-from pliant.identification.initial_guess import prepare
-from pliant.identification.parameters import Parameter, apply, values_of
+from pliant.identification.parameters import apply
 from pliant.model import Model
 from pliant.simulation.time_step import rings, shared_step
 
@@ -23,11 +19,3 @@ def fit_step(model: Model, values: Mapping[str, float]) -> float:
     """
     applied = apply(model, values)
     return shared_step([applied], LONGEST if rings(applied) else LONGEST_OVER_DAMPED)
-
-
-def starting_step(experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str]) -> float:
-    """Return the `fit_step` [s] of a fit's starting model. It is 2 ms if the start values cannot be estimated."""
-    with suppress(PliantError):
-        model, filled = prepare(experiments, model, parameters)
-        return fit_step(model, values_of(filled))
-    return LONGEST
