@@ -64,12 +64,13 @@ def test_each_stage_is_the_minimum_that_scipy_finds(model: Model) -> None:
 
 
 @pytest.mark.parametrize("space", [True, False], ids=["space", "plane"])
-@pytest.mark.parametrize("angle", [0.0, 0.05, -0.6])
-@pytest.mark.parametrize("distance", [0.9, 0.97, 0.99, 0.999, 1.0, 1.001, 1.01, 1.2])
+@pytest.mark.parametrize(("distance", "angle"), [
+    (distance, angle)
+    for distance in (0.9, 0.97, 0.99, 0.999, 1.0, 1.001, 1.01, 1.2) for angle in (0.0, 0.05, -0.6)
+    if angle or distance > 0.98  # of a straight body with its tip ahead, two mirrored poses are as good
+])  # fmt: skip
 def test_a_pose_has_one_derivative_inside_at_and_beyond_reach(space: bool, angle: float, distance: float) -> None:
     """Differences of steps from 3e-7 to 1e-4 of the reach agree, by the position of the tip across and along."""
-    if angle == 0.0 and distance < 0.98:
-        pytest.skip("of a straight body with its tip ahead, two mirrored poses are as good")
     model, held = body(space), tip_at(space, distance * REACH, angle)
     tip = [model.points[-1]]
     for axis in (0, -1):
