@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 
 from pliant.identification import Experiment
-from pliant.selection.criterion import FEWEST_BLOCKS, MOST_BLOCKS, RECORDINGS, groups_of, left_out
+from pliant.selection.criterion import (
+    FEWEST_BLOCKS,
+    MOST_BLOCKS,
+    RECORDINGS,
+    criterion,
+    groups_of,
+    left_out,
+    noise_of,
+)
 from pliant.selection.fitted import FittedModel, percent_of
-from pliant.selection.screen import explained, within
+from pliant.selection.screen import joined, within
 
 SMALL = 1e-4  # size of the parameters in units of their typical size, so that the weak prior does not count
 
@@ -29,7 +37,7 @@ def linear(rng: np.random.Generator, frames: int = 60, free: int = 4) -> tuple[A
 def test_left_out_parts_are_predicted_as_by_a_fit_without_them(rng):
     fit, A, y = linear(rng)
     groups = np.repeat(np.arange(6), 10)
-    predicted = left_out(fit, groups)
+    predicted = left_out(fit.linear, groups, noise_of(fit))
     for group in range(6):
         mine = groups == group
         x = np.linalg.lstsq(A[~mine], y[~mine], rcond=None)[0]
@@ -46,7 +54,7 @@ def test_a_prior_counts_when_a_part_is_left_out(rng):
     mine = np.arange(60) < 20
     rest = np.append(~mine, True)
     without = np.linalg.lstsq(whole[rest], aim[rest], rcond=None)[0]
-    predicted = left_out(held, mine.astype(int))
+    predicted = left_out(held.linear, mine.astype(int), noise_of(held))
     np.testing.assert_allclose(predicted[mine], A[mine] @ without - y[mine], atol=1e-5)
 
 
@@ -55,13 +63,37 @@ def test_a_screen_predicts_the_cost_of_a_linear_fit_with_further_columns(rng):
     more = rng.normal(size=(60, 2))
     both = np.column_stack([A, more])
     x = np.linalg.lstsq(both, y, rcond=None)[0]
-    cost, moves = explained(fit, (), more)
-    assert cost == pytest.approx(0.5 * np.sum((both @ x - y) ** 2), rel=1e-10)
+    child, moves = joined(fit, (), more)
+    assert child.cost == pytest.approx(0.5 * np.sum((both @ x - y) ** 2), rel=1e-10)
     np.testing.assert_allclose(moves, x[4:], rtol=1e-8)
     fewer = np.column_stack([A[:, 1:], more])
     end = np.linalg.lstsq(fewer, y - A[:, 0] * fit.x[0], rcond=None)[0]
-    cost, moves = explained(fit, ("p0",), more)
-    assert cost == pytest.approx(0.5 * np.sum((fewer @ end + A[:, 0] * fit.x[0] - y) ** 2), rel=1e-10)
+    child, moves = joined(fit, ("p0",), more)
+    assert child.cost == pytest.approx(0.5 * np.sum((fewer @ end + A[:, 0] * fit.x[0] - y) ** 2), rel=1e-10)
+
+
+def test_a_screen_keeps_the_priors_of_the_parent(rng):
+    """A column like that of a parameter with a tight prior must not undo the prior."""
+    fit, A, y = linear(rng)
+    rows = np.eye(4)[:1] * 30.0 / SMALL
+    whole, aim = np.vstack([A, rows]), np.append(y, 5.0)
+    x = np.linalg.lstsq(whole, aim, rcond=None)[0]
+    fit.problem.size, fit.problem.all_known = 1.0, (rows, np.array([5.0]))
+    held, more = FittedModel(fit.problem, x, A @ x - y, A), rng.normal(size=(60, 1))
+    both = np.column_stack([whole, np.append(more, 0.0)])
+    end = np.linalg.lstsq(both, aim, rcond=None)[0]
+    child, moves = joined(held, (), more)
+    assert child.cost == pytest.approx(0.5 * np.sum((both @ end - aim) ** 2), rel=1e-8)
+    np.testing.assert_allclose(moves, end[4:], rtol=1e-6)
+
+
+def test_a_recording_beyond_the_others_does_not_outweigh_them():
+    problem = SimpleNamespace(observed=[1] * 4, parted=lambda r: [(None, part) for part in np.split(r, 4)])
+    errors = np.repeat([1.0, 1.0, 1.0, 1000.0], 5)
+    better = np.repeat([0.5, 0.5, 0.5, 1100.0], 5)
+    assert criterion(problem, better) < 0.5 * criterion(problem, errors)
+    few = SimpleNamespace(observed=[1] * 2)
+    assert criterion(few, better) > criterion(few, errors)
 
 
 @pytest.mark.parametrize(("lower", "upper", "begin", "end", "part"), [

@@ -9,7 +9,9 @@ from pliant.errors import FitError, InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Extension, Memory, Model, Station, chain_model
 from pliant.selection import select_model, terms_for
-from pliant.selection.search import Search, beginning
+from pliant.selection.first_model import beginning
+from pliant.selection.saved import SearchFile
+from pliant.selection.search import Search
 from pliant.simulation import Trace, simulate
 
 TIMES = np.arange(0.0, 2.0, 0.02)
@@ -113,6 +115,35 @@ def test_an_interrupt_leaves_the_best_model_so_far():
     assert "interrupted" in found.reason
     assert "interrupted" in told[-1]
     assert found.result.values["stiffening"] == pytest.approx(-0.4, rel=0.2)
+
+
+def test_a_search_that_was_killed_goes_on_where_it_was(tmp_path):
+    class KilledError(Exception):
+        pass
+
+    def kill(_line: str) -> None:
+        lines.append(_line)
+        if len(lines) == 2:
+            raise KilledError
+
+    lines: list[str] = []
+    soft = two(chain(stiffening=np.full(2, -0.4), stiffening_bound=np.full(2, 0.75)))
+    terms, file = terms_for(GIVEN, soft, only=["softening", "torque_2"]), SearchFile(tmp_path / "search.json", "a")
+    with pytest.raises(KilledError):
+        select_model(soft, GIVEN, terms=terms, progress=kill, file=file)
+    state = file.load()
+    assert state is not None
+    assert state.terms == ("softening",)
+    assert SearchFile(file.path, "another study").load() is None
+    told: list[str] = []
+    found = select_model(soft, GIVEN, terms=terms, progress=told.append, file=file)
+    assert "goes on" in told[0]
+    assert len(told) == 1
+    assert [s.name for s in found.steps] == ["", "softening"]
+    assert found.result.values["stiffening"] == pytest.approx(-0.4, rel=0.2)
+    assert found.complete
+    file.path.write_text('{"key": "a", "terms": 3}')
+    assert file.load() is None
 
 
 def test_a_term_that_is_fitted_when_the_time_ends_is_kept(monkeypatch):

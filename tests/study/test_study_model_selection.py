@@ -64,6 +64,35 @@ def test_a_wrong_entry_is_refused_before_any_work(tmp_path: Path, entries: dict[
         load_study(written(tmp_path, **entries))
 
 
+@pytest.mark.slow
+def test_minutes_limits_a_run_that_then_goes_on_in_the_same_folder(tmp_path: Path) -> None:
+    path, out = written(tmp_path, terms=["softening"]), tmp_path / "out"
+    done = program("run", path, "-o", out, "--minutes", "0.01")
+    assert done.returncode == 0, done.stderr
+    assert "the time limit was reached" in json.loads((out / "metrics.json").read_text())["model_selection"]["reason"]
+    assert (out / "search.json").is_file()
+    again = program("run", path, "-o", out)
+    assert again.returncode == 0, again.stderr
+    assert "goes on from a run that was stopped" in (out / "run.log").read_text()
+    assert "softening" in json.loads((out / "metrics.json").read_text())["model_selection"]["terms"]
+    assert not (out / "search.json").exists()
+
+
+def test_minutes_needs_a_model_selection(tmp_path: Path) -> None:
+    done = program("run", demo_study_without_selection(tmp_path), "-o", tmp_path / "out", "--minutes", "1")
+    assert done.returncode == 2
+    assert "[model_selection]" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def demo_study_without_selection(folder: Path) -> Path:
+    content = tomllib.loads(demo_study().read_text(encoding="utf-8"))
+    content.pop("model_selection")
+    path = folder / "plain.json"
+    path.write_text(json.dumps({**content, "folder": str(demo_study().parent)}), encoding="utf-8")
+    return path
+
+
 def test_a_model_selection_ends_at_its_time_limit(tmp_path: Path) -> None:
     outcome = run_study(load_study(written(tmp_path, minutes=1e-6, held_out=[])))
     assert outcome.model_selection is not None

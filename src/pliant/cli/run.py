@@ -23,9 +23,15 @@ def run(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Number of parallel processes for fits; default: one for each core.")
     ] = None,
+    minutes: Annotated[
+        float | None,
+        typer.Option(min=0.01, max=1e4, help="Time limit of the model selection, min; default: the study's."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
     """Run a study, from recordings to a validated model: check, align, fit, predict, and write a report.
+
+    A model selection that was stopped goes on where it was, when the same study runs again into the same folder.
 
     Example: pliant run examples/pneumatic_arm_pulses.toml -o results/arm
     """
@@ -33,7 +39,10 @@ def run(
 
     output = output or Path("results") / study.stem
     with progress_lines() as notify:
-        outcome = run_study(load_study(study), output, progress=notify, workers=workers)
+        loaded = load_study(study)
+        if minutes is not None:
+            loaded = loaded.with_minutes(minutes)
+        outcome = run_study(loaded, output, progress=notify, workers=workers)
     if json:
         say((output / "metrics.json").read_text(encoding="utf-8"))
     else:

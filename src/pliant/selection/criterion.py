@@ -6,7 +6,7 @@ import numpy as np
 
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames
-from pliant.selection.fitted import FittedModel
+from pliant.selection.fitted import FittedModel, Linearised
 from pliant.shapes import Float
 
 Array = np.ndarray
@@ -36,26 +36,44 @@ def groups_of(fit: FittedModel) -> Float[Array, " N"]:
     return np.concatenate(groups)
 
 
-def left_out(fit: FittedModel, groups: Float[Array, " N"]) -> Float[Array, " N"]:
+def left_out(linear: Linearised, groups: Float[Array, " N"], noise: float) -> Float[Array, " N"]:
     """Return the residuals (N,) of each group as predicted by the parameters that fit the other groups best.
 
     The optimum without a group follows from one linear step: d = (H - J_k^T J_k)^-1 J_k^T r_k for the residuals r_k and
     derivatives J_k of the group, with H of all recordings and priors (the infinitesimal jackknife: Giordano et al.,
     AISTATS 2019; exact for a linear model). The step is held by a weak prior, whose standard deviation is the typical
-    size of each parameter: along combinations that the rest does not determine, a linear step would go astray.
+    size of each parameter: along combinations that the rest does not determine, a linear step would go astray. `noise`
+    is the variance of the residuals (see `noise_of`).
     """
-    r = fit.residual
-    noise = float(r @ r) / effective_numbers(fit.problem, r)
-    H = fit.information + noise * np.eye(fit.x.size)  # parameters are in units of their typical size
+    r = linear.residual
+    H = linear.information + noise * np.eye(linear.jacobian.shape[1])  # parameters are in units of their typical size
     size = np.sqrt(np.maximum(np.diag(H), 1e-300))
     predicted = r.copy()
     for group in np.unique(groups):
         mine = groups == group
-        J = fit.jacobian[mine] / size
+        J = linear.jacobian[mine] / size
         rest = H / np.outer(size, size) - J.T @ J
         moves = np.linalg.lstsq(rest, J.T @ r[mine], rcond=STIFFEST)[0]
         predicted[mine] += J @ moves
     return predicted
+
+
+def noise_of(fit: FittedModel) -> float:
+    """Return the variance of the residuals of a fit per independent one."""
+    return float(fit.residual @ fit.residual) / effective_numbers(fit.problem, fit.residual)
+
+
+def criterion(problem: Problem, predicted: Float[Array, " N"]) -> float:
+    """Return the sum of squares of the residuals (N,) as predicted by `left_out`, the smaller the better.
+
+    With whole recordings left out, it is the geometric mean of the recordings' sums: a recording far beyond the others,
+    which no model predicts from them, does not outweigh the rest.
+    """
+    squares = predicted**2
+    if len(problem.observed) < RECORDINGS:
+        return float(squares.sum())
+    sums = [part.sum() for _, part in problem.parted(squares)]
+    return float(np.exp(np.mean(np.log(np.maximum(sums, 1e-300)))))
 
 
 def effective_numbers(problem: Problem, residual: Array) -> float:

@@ -6,6 +6,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,59 @@ class FitSetting:
         model, filled = prepare(self.experiments, model, parameters)
         return Problem(list(self.experiments), model, filled, self.time_step, self.weighting)
 
+    def cheapest(
+        self, model: Model, starts: Sequence[Sequence[Parameter]], prior_weight: float,
+    ) -> Sequence[Parameter]:
+        """Return the parameters, all with start values, from which the cost is lowest without a fit."""
+        if len(starts) == 1:
+            return starts[0]
+        problem = self.problem(model, starts[0])
+        problem.size = prior_weight
+
+        def cost(start: Sequence[Parameter]) -> float:
+            values = {p.name: p.value for p in start if p.value is not None}
+            return problem.cost(np.array([values[p.name] for p in problem.free]) / problem.scale)
+
+        return min(starts, key=cost)
+
+
+class Linearised(NamedTuple):
+    """A linear least-squares problem near the optimum of a fit: N residuals of recordings and R residuals of priors,
+    with their derivatives with respect to P scaled parameters.
+    """
+
+    residual: Float[Array, " N"]
+    jacobian: Float[Array, "N P"]
+    prior_residual: Float[Array, " R"]
+    prior_jacobian: Float[Array, "R P"]
+
+    @property
+    def cost(self) -> float:
+        """Return half the sum of squared residuals."""
+        return 0.5 * float(self.residual @ self.residual + self.prior_residual @ self.prior_residual)
+
+    @property
+    def whole(self) -> tuple[Float[Array, " M"], Float[Array, "M P"]]:
+        """Return the M = N + R residuals and their derivatives."""
+        return (np.concatenate([self.residual, self.prior_residual]),
+                np.concatenate([self.jacobian, self.prior_jacobian]))
+
+    @property
+    def information(self) -> Float[Array, "P P"]:
+        """Return J^T J of the recordings and priors."""
+        jacobian = self.whole[1]
+        return np.asarray(jacobian.T @ jacobian)
+
+    def without(self, columns: Sequence[int]) -> Linearised:
+        """Return the problem without the parameters in some columns, which stay at their values."""
+        return self._replace(jacobian=np.delete(self.jacobian, columns, axis=1),
+                             prior_jacobian=np.delete(self.prior_jacobian, columns, axis=1))
+
+    def moved(self, move: Float[Array, " P"]) -> Linearised:
+        """Return the problem at parameters changed by `move`."""
+        return self._replace(residual=self.residual + self.jacobian @ move,
+                             prior_residual=self.prior_residual + self.prior_jacobian @ move)
+
 
 @dataclass(frozen=True)
 class FittedModel:
@@ -69,8 +123,8 @@ class FittedModel:
 
     @property
     def cost(self) -> float:
-        """Return half the sum of squared residuals of the recordings."""
-        return 0.5 * float(self.residual @ self.residual)
+        """Return half the sum of squared residuals of the recordings and priors, which a fit minimises."""
+        return self.linear.cost
 
     @property
     def values(self) -> dict[str, float]:
@@ -89,10 +143,11 @@ class FittedModel:
         return tuple(p.name for p in self.problem.free)
 
     @property
-    def information(self) -> Float[Array, "P P"]:
-        """Return J^T J of the recordings and priors."""
-        rows = self.problem.size * self.problem.all_known[0]
-        return np.asarray(self.jacobian.T @ self.jacobian + rows.T @ rows)
+    def linear(self) -> Linearised:
+        """Return the linear least-squares problem that stands for the model near its optimum."""
+        rows, aims = self.problem.all_known
+        return Linearised(self.residual, self.jacobian, self.problem.size * (rows @ self.x - aims),
+                          self.problem.size * rows)
 
     @cached_property
     def prior_weight(self) -> float:

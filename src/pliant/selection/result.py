@@ -67,6 +67,17 @@ class SelectionStep:
         """Return whether a term joined the model in this step."""
         return bool(self.name) and not self.name.startswith("-")
 
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> SelectionStep:
+        """Return the step that `to_dict` turned into `content`."""
+        tried = tuple(TriedTerm(**t) for t in content["tried"])
+        return cls(**{**content, "free": tuple(content["free"]), "tried": tried})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the step as a dictionary of plain numbers and strings for JSON."""
+        return {"name": self.name, "title": self.title, "free": list(self.free), "cost": self.cost,
+                "train": dict(self.train), "left_out": dict(self.left_out), "tried": [t._asdict() for t in self.tried]}
+
     @property
     def train_percent(self) -> float:
         """Return the mean training error of all recordings, % of their peak displacement."""
@@ -94,6 +105,8 @@ class ModelSelection(Shown):
         Fit of the chosen model.
     seconds : float
         Wall time of the search, s.
+    complete : bool
+        False if an interrupt or the time limit ended the search.
     """
 
     steps: tuple[SelectionStep, ...]
@@ -101,6 +114,7 @@ class ModelSelection(Shown):
     reason: str
     result: FitResult
     seconds: float
+    complete: bool = True
 
     def card(self) -> Card:
         """Return a display card: table of the errors after each step, and of the terms that were refused last."""
@@ -121,18 +135,13 @@ class ModelSelection(Shown):
         """
         if "steps" not in content:
             raise InputError("these results hold a model selection of an earlier version: run the study again")
-        steps = []
-        for s in content["steps"]:
-            tried = tuple(TriedTerm(**t) for t in s["tried"])
-            steps.append(SelectionStep(**{**s, "free": tuple(s["free"]), "tried": tried}))
-        return cls(tuple(steps), tuple(content["terms"]), content["reason"], result, content["seconds"])
+        steps = [SelectionStep.from_dict(s) for s in content["steps"]]
+        return cls(tuple(steps), tuple(content["terms"]), content["reason"], result, content["seconds"],
+                   content.get("complete", True))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the selection as a dictionary of plain numbers and strings for JSON."""
         return {
-            "terms": list(self.terms), "reason": self.reason, "seconds": self.seconds,
-            "steps": [
-                {"name": s.name, "title": s.title, "free": list(s.free), "cost": s.cost, "train": dict(s.train),
-                 "left_out": dict(s.left_out), "tried": [t._asdict() for t in s.tried]} for s in self.steps
-            ],
+            "terms": list(self.terms), "reason": self.reason, "seconds": self.seconds, "complete": self.complete,
+            "steps": [s.to_dict() for s in self.steps],
         }

@@ -10,12 +10,14 @@ import numpy as np
 from pliant.errors import PliantError, SimulationError
 from pliant.identification.parameters import Parameter
 from pliant.model import Model
-from pliant.selection.fitted import FitSetting, FittedModel
+from pliant.selection.criterion import criterion, left_out, noise_of
+from pliant.selection.fitted import FitSetting, FittedModel, Linearised
 from pliant.selection.terms import Term
 
 Array = np.ndarray
 LEAST_STEP = 1e-6  # of the largest singular value: directions below do not move in a proposal
 LEAST_PART = 0.1  # of its effect that a law without derivative must have to be tried
+PARTS = (1.0, 0.3, 0.1, 0.02)  # of the way to a proposal, at which a refit may start
 FARTHEST = 3.0  # factor by which a proposal changes a positive parameter at most
 
 
@@ -25,14 +27,15 @@ class TermProposal(NamedTuple):
     term: Term
     row: Mapping[str, float]  # of the term's grid
     cost: float
+    score: float  # the criterion, of the linear problem
     null: Mapping[str, float]  # values without effect
     values: Mapping[str, float]  # proposed values, within the parameters' bounds
     sense: bool  # whether the optimum lies inside the bounds, as seen from the null values
 
-    def starts(self) -> list[Mapping[str, float]]:
-        """Return the start values (SI) of a refit: as proposed, and almost without effect."""
-        almost = {name: 0.9 * value + 0.1 * self.values[name] for name, value in self.null.items()}
-        return [self.values, almost]
+    def starts(self) -> list[dict[str, float]]:
+        """Return possible start values (SI) of a refit: as proposed, and nearer to the values without effect."""
+        return [{name: value + part * (self.values[name] - value) for name, value in self.null.items()}
+                for part in PARTS]
 
 
 class TermRefusal(NamedTuple):
@@ -43,9 +46,10 @@ class TermRefusal(NamedTuple):
 
 
 def screened(
-    parent: FittedModel, model: Model, terms: Iterable[Term], setting: FitSetting,
+    parent: FittedModel, model: Model, terms: Iterable[Term], setting: FitSetting, groups: Array,
 ) -> tuple[list[TermProposal], list[TermRefusal]]:
-    """Return what each term would lower the cost of `parent` by, the best row of its grid first, and the terms that
+    """Return what each term would lower the cost of `parent` by, the best row of its grid first by the
+    criterion of `groups` (N,), and the terms that
     cannot be screened. `model` is that of the parent without the values of any term.
 
     The cost is that of the linear problem with the parent's parameters free (Rao's efficient score): the part of the
@@ -55,19 +59,19 @@ def screened(
     every = list(terms)
     for panel in panels(t for t in every if t.null):
         try:
-            proposals += screened_together(parent, model, panel, setting)
+            proposals += screened_together(parent, model, panel, setting, groups)
         except PliantError:  # find out which one
             for pair in panel:
                 try:
-                    proposals += screened_together(parent, model, [pair], setting)
+                    proposals += screened_together(parent, model, [pair], setting, groups)
                 except PliantError as error:
                     refusals.append(TermRefusal(pair[0], str(error)))
     for term, row in ((t, row) for t in every if not t.null for row in t.grid):
         try:
-            proposals.append(tried_out(parent, model, term, row, setting))
+            proposals.append(tried_out(parent, model, term, row, setting, groups))
         except PliantError as error:
             refusals.append(TermRefusal(term, str(error)))
-    return sorted(proposals, key=lambda p: p.cost), refusals
+    return sorted(proposals, key=lambda p: p.score), refusals
 
 
 def panels(terms: Iterable[Term]) -> list[list[tuple[Term, Mapping[str, float]]]]:
@@ -92,6 +96,7 @@ def fit_together(one: Term, other: Term) -> bool:
 
 def screened_together(
     parent: FittedModel, model: Model, panel: Sequence[tuple[Term, Mapping[str, float]]], setting: FitSetting,
+    groups: Array,
 ) -> list[TermProposal]:
     """Return the proposals of terms that one model can hold at their null values, from one Jacobian."""
     values = parent.values
@@ -103,13 +108,14 @@ def screened_together(
     for term, row in panel:
         mine = [place[p.name] for p in term.adds if p.name in place]
         scale = problem.scale[mine]
-        cost, moves = explained(parent, term.replaces, columns[:, mine])
+        linear, moves = joined(parent, term.replaces, columns[:, mine])
         at_null = {problem.free[k].name: float(problem.start[k] * problem.scale[k]) for k in mine}
         target = dict(zip(at_null, (np.array(list(at_null.values())) + moves * scale).tolist(), strict=True))
         parameters = {p.name: p for p in term.adds}
         part = min((within(parameters[n], at_null[n], target[n]) for n in at_null), default=1.0)
         reached = {n: at_null[n] + part * (target[n] - at_null[n]) for n in at_null}
-        proposals.append(TermProposal(term, row, cost, at_null, reached, part > LEAST_STEP))
+        score = criterion(parent.problem, left_out(linear, groups, noise_of(parent)))
+        proposals.append(TermProposal(term, row, linear.cost, score, at_null, reached, part > LEAST_STEP))
     return proposals
 
 
@@ -121,7 +127,7 @@ def held_parent(parent: FittedModel, added: Iterable[Parameter]) -> list[Paramet
 
 
 def tried_out(
-    parent: FittedModel, model: Model, term: Term, row: Mapping[str, float], setting: FitSetting,
+    parent: FittedModel, model: Model, term: Term, row: Mapping[str, float], setting: FitSetting, groups: Array,
 ) -> TermProposal:
     """Return the proposal of a term that has no derivative where it has no effect, from one simulation: its effect at
     one row of its grid counts as the column of a parameter between 0 and 1.
@@ -131,23 +137,26 @@ def tried_out(
     moved = problem.data_residual(problem.start)
     if problem.broken:
         raise SimulationError(problem.broken)
-    cost, (part,) = explained(parent, term.replaces, (moved - parent.residual)[:, None])
-    return TermProposal(term, row, cost, dict(row), dict(row), bool(part > LEAST_PART))
+    linear, (part,) = joined(parent, term.replaces, (moved - parent.residual)[:, None])
+    score = criterion(parent.problem, left_out(linear, groups, noise_of(parent)))
+    return TermProposal(term, row, linear.cost, score, dict(row), dict(row), bool(part > LEAST_PART))
 
 
-def explained(parent: FittedModel, replaced: Sequence[str], columns: Array) -> tuple[float, Array]:
-    """Return the cost that is left when k further columns (N, k) of derivatives join those of the parent's parameters,
-    of which `replaced` are left out, and the changes (k,) of the further parameters.
+def joined(parent: FittedModel, replaced: Sequence[str], columns: Array) -> tuple[Linearised, Array]:
+    """Return the linear problem at its optimum in which k further columns (N, k) of derivatives join those of the
+    parent's parameters, of which `replaced` are left out, and the changes (k,) of the further parameters. The parent's
+    priors are kept.
     """
-    keep = [k for k, name in enumerate(parent.free) if name not in replaced]
-    basis = np.linalg.qr(parent.jacobian[:, keep])[0]
-    residual = parent.residual - basis @ (basis.T @ parent.residual)
-    rest = columns - basis @ (basis.T @ columns)
-    length = np.linalg.norm(rest, axis=0)
+    gone = [k for k, name in enumerate(parent.free) if name in replaced]
+    linear = parent.linear.without(gone)
+    priors = np.zeros((len(linear.prior_residual), columns.shape[1]))
+    linear = linear._replace(jacobian=np.hstack([linear.jacobian, columns]),
+                             prior_jacobian=np.hstack([linear.prior_jacobian, priors]))
+    residual, jacobian = linear.whole
+    length = np.linalg.norm(jacobian, axis=0)
     length[length == 0] = 1.0
-    moves = np.linalg.lstsq(rest / length, -residual, rcond=LEAST_STEP)[0]
-    left = residual + rest @ (moves / length)
-    return 0.5 * float(left @ left), moves / length
+    move = np.linalg.lstsq(jacobian / length, -residual, rcond=LEAST_STEP)[0] / length
+    return linear.moved(move), move[len(move) - columns.shape[1] :]
 
 
 def within(p: Parameter, begin: float, end: float) -> float:

@@ -10,28 +10,27 @@ from typing import TypedDict, Unpack
 import numpy as np
 
 from pliant.errors import InputError, PliantError
-from pliant.identification.chamber_parameters import has_effect, prefixes
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import check_choices, finished, fit
 from pliant.identification.optimise import solve
-from pliant.identification.parameters import Parameter, shared_name
 from pliant.identification.result import FitResult
-from pliant.mechanics import mechanics_of
-from pliant.model import Model, Tendon
+from pliant.model import Model
 from pliant.options import with_defaults
-from pliant.selection.criterion import effective_numbers, groups_of, left_out
+from pliant.selection.criterion import criterion, groups_of, left_out, noise_of
+from pliant.selection.determined import undetermined
+from pliant.selection.first_model import Entry, anchored, beginning
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.result import ModelSelection, SelectionStep, TriedTerm
+from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
 from pliant.selection.terms import Term, terms_for
 
 Array = np.ndarray
 Notify = Callable[[str], None]
-Entry = Parameter | str
 MUCH = 0.1  # of the criterion: a smaller gain does not keep a term that is not determined
 MATERIAL = 0.03  # of the criterion: a smaller gain does not earn a term its place
 REFITS = 3  # terms that are fitted in each step, those with the best screens
-DETERMINED = 0.5  # standard error over value above which a parameter is not determined: its 95 % interval holds zero
+MOST_REFITS = 6  # of them while none helps: a screen underestimates terms that act nonlinearly, such as friction
 SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converged
 MINUTES = 5.0
 RESERVE = 0.15  # of the time: kept for the last fit
@@ -49,10 +48,12 @@ class SearchOptions(TypedDict, total=False):
     weighting: str
     loss: str
     rng: np.random.Generator | int | None
+    file: SearchFile | None
 
 
 SEARCH_OPTIONS: SearchOptions = {
     "terms": None, "minutes": MINUTES, "time_step": None, "weighting": "travel", "loss": "linear", "rng": 0,
+    "file": None,
 }  # fmt: skip
 
 
@@ -87,6 +88,8 @@ def select_model(
         As in `fit`.
     weighting, loss, rng
         As in `fit`.
+    file : SearchFile, optional
+        File in which the search keeps its state after each step, and from which it goes on.
     progress : callable, optional
         Called with one line of text after each fit.
 
@@ -103,29 +106,28 @@ def select_model(
     """
     how = with_defaults(select_model, options, SEARCH_OPTIONS)
     check_options(how)
-    began = clock.monotonic()
-    first = fit(train, model, beginning(model, train, common), starts=2, time_step=how["time_step"],
-                weighting=how["weighting"], loss=how["loss"], rng=how["rng"], max_evaluations=100)
-    setting = FitSetting(tuple(train), first.time_step, how["weighting"], how["loss"])
-    parent = anchored(fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0),
-                      setting)
-    given = model.with_(stations=parent.model.stations)
+    began, notify = clock.monotonic(), progress or ignore
+    deadline = began + 60 * how["minutes"]
+    file, state = how["file"], None if how["file"] is None else how["file"].load()
+    if state is None:
+        first = fit(train, model, beginning(model, train, common), starts=2, time_step=how["time_step"],
+                    weighting=how["weighting"], loss=how["loss"], rng=how["rng"], max_evaluations=100)
+        setting = FitSetting(tuple(train), first.time_step, how["weighting"], how["loss"])
+        terms = terms_for(model, train) if how["terms"] is None else how["terms"]
+        parent = fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0)
+        given = model.with_(stations=parent.model.stations)
+        return Search(setting, given, anchored(parent, setting), terms, began, deadline, notify, file).run()
+    setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"])
     terms = terms_for(model, train) if how["terms"] is None else how["terms"]
-    return Search(setting, given, parent, terms, began, began + 60 * how["minutes"], progress or ignore).run()
-
-
-def anchored(parent: FittedModel, setting: FitSetting) -> FittedModel:
-    """Return a fit of the first model in which the stiffness is held, if the recordings do not determine it.
-
-    Stiffness, damping and torque then have a common scale that no recording of this body shows, and the other
-    parameters are determined relative to the stiffness.
-    """
-    error, value = parent.standard_errors.get("stiffness", 0.0), parent.values.get("stiffness", 0.0)
-    if error is not None and error <= DETERMINED * value:
-        return parent
-    why = f"held: the recordings show only {value:.3g}" + ("" if error is None else f" +- {error:.2g}")
-    held = [replace(p, free=False, source=why) if p.name == "stiffness" else p for p in parent.parameters]
-    return fitted(setting, parent.model, held)
+    chosen = [t for name in state.terms for t in terms if t.name == name]
+    longer = model
+    for term in chosen:
+        longer = term.model(longer)
+    best = fitted(setting, longer, state.parameters, prior_weight=state.prior_weight, evaluations=0)
+    notify(f"goes on from a run that was stopped: {', '.join(t.title for t in chosen) or 'no term'} so far")
+    given = model.with_(stations=best.model.stations)
+    return Search(setting, given, best, terms, began - state.seconds, deadline, notify, file, chosen,
+                  list(state.steps)).run()
 
 
 def ignore(_line: str) -> None:
@@ -137,37 +139,6 @@ def check_options(how: SearchOptions) -> None:
     check_choices(how["loss"], how["weighting"])
     if not how["minutes"] > 0:
         raise InputError(f"minutes must be positive, got {how['minutes']}: give the time that the search may take")
-
-
-def beginning(model: Model, train: Sequence[Experiment], common: Sequence[Entry]) -> list[Entry]:
-    """Return the parameters with which a search begins: those in `common`, and unless these replace them stiffness,
-    damping and a torque proportional to each input; of a body that lengthens also axial damping and the axial force of
-    each chamber. Its axial stiffness is stated: only the ratio of the forces to it shows.
-    """
-    stated = {e if isinstance(e, str) else e.name for e in common}
-    kinds = {shared_name(name.removesuffix("_*")) for name in stated}
-    names = [n for n in ("stiffness", "damping") if n not in kinds and "body_stiffness" not in kinds]
-    if any(e.excitation != "release" for e in train):
-        names += [n for n in torque_names(model) if n not in stated]
-    if mechanics_of(model).lengthens and not isinstance(model.chambers[0], Tendon):
-        names += [n for n in ("axial_damping",) if n not in kinds]
-        names += [f"{start}axial_gain" for start, chamber in zip(prefixes(model), model.chambers, strict=True)
-                  if not isinstance(chamber, Tendon) and f"{start}axial_gain" not in stated]  # fmt: skip
-    return [*common, *names]
-
-
-def torque_names(model: Model) -> list[str]:
-    """Return the names of the parameters that scale the torque of each input: gains in space, coefficients in a plane.
-
-    A chamber in the plane that has a torque law other than a linear one keeps it.
-    """
-    names = []
-    for start, chamber in zip(prefixes(model), model.chambers, strict=True):
-        if model.space is not None:
-            names += [f"{start}gain_{axis}" for axis in "xy"] if start else []
-        elif has_effect("torque_1", chamber) and not chamber.torque.any():
-            names.append(f"{start}torque_1")
-    return names
 
 
 @dataclass
@@ -189,13 +160,16 @@ class Search:
     began: float
     deadline: float
     notify: Notify
+    file: SearchFile | None = None
     chosen: list[Term] = field(default_factory=list)
     steps: list[SelectionStep] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        self.allowed = self.deadline - clock.monotonic()
         self.groups = groups_of(self.best)
         self.score = self.scored(self.best)
-        self.record("", "stiffness, damping and torque")
+        if not self.steps:
+            self.record("", "stiffness, damping and torque")
 
     def run(self) -> ModelSelection:
         """Add terms until none helps, drop those that are not needed, and return the selection."""
@@ -210,7 +184,8 @@ class Search:
             self.notify("interrupted: the best model so far is fitted and judged; press Ctrl-C again to stop at once")
         result = self.final_fit()
         names = tuple(term.name for term in self.chosen)
-        return ModelSelection(tuple(self.steps), names, self.reason(stop), result, clock.monotonic() - self.began)
+        return ModelSelection(tuple(self.steps), names, self.reason(stop), result, clock.monotonic() - self.began,
+                              complete=stop == NO_BETTER)
 
     def model(self, *more: Term) -> Model:
         """Return the given model with the segments that the chosen terms and `more` need."""
@@ -220,25 +195,42 @@ class Search:
         return model
 
     def scored(self, fit: FittedModel) -> float:
-        """Return the criterion: the sum of squares of the residuals as predicted from other parts of the recordings."""
-        predicted = left_out(fit, self.groups)
-        return float(predicted @ predicted)
+        """Return the criterion of the residuals as predicted from other parts of the recordings (see `criterion`)."""
+        return criterion(fit.problem, self.predicted(fit))
+
+    def predicted(self, fit: FittedModel) -> Array:
+        """Return the residuals (N,) of each part of the recordings as predicted from the other parts."""
+        return left_out(fit.linear, self.groups, noise_of(fit))
+
+    def adopt(self, fit: FittedModel) -> None:
+        """Take a fit as the best model, with priors weighted by its residuals as long as these still fall."""
+        self.best = fit
+        if fit.problem.learns and abs(fit.prior_weight / fit.problem.size - 1.0) > MATERIAL:
+            self.best = fitted(self.setting, fit.model, fit.parameters, prior_weight=fit.prior_weight)
+        self.score = self.scored(self.best)
 
     def record(self, name: str, title: str) -> None:
         """Record the model as it is now, after the term `name` joined it or left it."""
-        predicted = left_out(self.best, self.groups)
+        predicted = self.predicted(self.best)
         errors = self.best.percent(self.best.residual), self.best.percent(predicted)
         self.steps.append(SelectionStep(name, title, self.best.free, self.best.cost, *errors))
+        if self.file is not None:
+            self.file.save([t.name for t in self.chosen], self.steps, self.best, self.setting.time_step,
+                           clock.monotonic() - self.began)
         left = max(self.deadline - clock.monotonic(), 0.0)
         self.notify(
             f"{title}: error of left-out parts {self.steps[-1].left_out_percent:.3g} % of the peak displacement, "
             f"{len(self.best.free)} parameters ({clock.monotonic() - self.began:.0f} s; at most {left:.0f} s more)"
         )
 
+    def vague(self, term: Term) -> dict[str, str]:
+        """Return the parameters of a term that the recordings do not determine, each with its value and error."""
+        return undetermined(self.best.values, self.best.standard_errors, term)
+
     @property
     def late(self) -> bool:
         """Return whether the time that is left is needed for the last fit."""
-        return clock.monotonic() > self.deadline - RESERVE * (self.deadline - self.began)
+        return clock.monotonic() > self.deadline - RESERVE * self.allowed
 
     def open_terms(self) -> list[Term]:
         """Return the terms that may join the model as it is."""
@@ -254,22 +246,18 @@ class Search:
         """Return the best proposal of each open term, the most promising first, and the terms that cannot be
         screened or whose screen ends at a bound.
 
-        The rank is the information criterion of the cost that the screen predicts.
+        The rank is the criterion that the screen predicts.
         """
-        proposals, refused = screened(self.best, self.model(), self.open_terms(), self.setting)
-        trials = [TriedTerm(r.term.name, r.term.title, reason=f"cannot be screened: {r.reason}") for r in refused]
-        numbers = effective_numbers(self.best.problem, self.best.residual)
+        proposals, refused = screened(self.best, self.model(), self.open_terms(), self.setting, self.groups)
+        trials = {r.term.name: TriedTerm(r.term.name, r.term.title, reason=f"cannot be screened: {r.reason}")
+                  for r in refused}
         best: dict[str, TermProposal] = {}
-        for p in proposals:  # the lowest cost of each term comes first
+        for p in proposals:  # the best row of each term comes first
             if p.sense:
                 best.setdefault(p.term.name, p)
-        beyond = {p.term.name: p.term for p in proposals if p.term.name not in best}
-        trials += [TriedTerm(t.name, t.title, reason="its value would lie beyond its bounds") for t in beyond.values()]
-
-        def rank(p: TermProposal) -> float:
-            return float(numbers * np.log(max(p.cost, 1e-300)) + np.log(numbers) * extra_parameters(p.term))
-
-        return sorted(best.values(), key=rank), trials
+        trials |= {p.term.name: TriedTerm(p.term.name, p.term.title, reason="its value would lie beyond its bounds")
+                   for p in proposals if p.term.name not in best}
+        return list(best.values()), list(trials.values())
 
     def add_term(self) -> str:
         """Add the best term to the model. Return why the search ends, or '' if a term was added."""
@@ -277,24 +265,26 @@ class Search:
             return OUT_OF_TIME
         proposals, trials = self.ranked()
         children: list[tuple[float, FittedModel, Term]] = []
-        tries = 0
-        for proposal in proposals[:REFITS]:
-            if children and min(child.cost for _, child, _ in children) < proposal.cost:
-                break  # already better than the screen promises of this one
-            if self.late:
-                break
-            tries += 1
+        fitted_groups: list[str] = []
+        for proposal in proposals:
+            term = proposal.term
+            enough = len(fitted_groups) >= (REFITS if children else MOST_REFITS)
+            if enough or self.late or (term.group and term.group in fitted_groups) or any(
+                score < proposal.score for score, _, _ in children
+            ):
+                trials.append(TriedTerm(term.name, term.title, proposal.cost, reason="other terms promise more"))
+                continue
+            fitted_groups.append(term.group or term.name)
             better, trial = self.child(proposal)
             trials.append(trial)
             if better is not None:
-                children.append((*better, proposal.term))
-        trials += [TriedTerm(p.term.name, p.term.title, p.cost, reason="other terms promise more")
-                   for p in proposals[tries:]]
+                children.append((*better, term))
         self.steps[-1] = replace(self.steps[-1], tried=tuple(trials))
         if not children:
             return OUT_OF_TIME if self.late else NO_BETTER
-        self.score, self.best, term = min(children, key=lambda c: c[0])
+        _, best, term = min(children, key=lambda c: c[0])
         self.chosen.append(term)
+        self.adopt(best)
         self.record(term.name, term.title)
         return ""
 
@@ -304,20 +294,16 @@ class Search:
         """
         term, trial = proposal.term, TriedTerm(proposal.term.name, proposal.term.title, proposal.cost)
         gone = {*term.replaces, *(p.name for p in term.adds)}
-        others = [p for p in self.best.parameters if p.name not in gone]
-        best: FittedModel | None = None
-        for start in proposal.starts():
-            try:
-                end = fitted(self.setting, self.model(term), [*others, *term.begun(proposal.row, start)],
-                             prior_weight=self.best.prior_weight)
-            except PliantError as error:
-                trial = trial._replace(reason=str(error))
-                continue
-            best = end if best is None or end.cost < best.cost else best
-            if best.cost < (1 + SAME) * self.best.cost:
-                break
-        if best is None:
-            return None, trial
+        others, model = [p for p in self.best.parameters if p.name not in gone], self.model(term)
+        starts = [[*others, *term.begun(proposal.row, values)] for values in proposal.starts()]
+        try:
+            best = fitted(self.setting, model, self.setting.cheapest(model, starts, self.best.problem.size),
+                          prior_weight=self.best.problem.size)
+            if best.cost > (1 + SAME) * self.best.cost:
+                again = fitted(self.setting, model, starts[-1], prior_weight=self.best.problem.size)
+                best = min(best, again, key=lambda end: end.cost)
+        except PliantError as error:
+            return None, trial._replace(reason=str(error))
         score = self.scored(best)
         trial = trial._replace(cost=best.cost, left_out=score, reason="")
         if best.cost > (1 + SAME) * self.best.cost:
@@ -336,8 +322,9 @@ class Search:
                    and not self.late and (s := self.without(t)) is not None]  # fmt: skip
         if not smaller:
             return False
-        self.score, self.best, term = min(smaller, key=lambda s: s[0])
+        _, best, term = min(smaller, key=lambda s: s[0])
         self.chosen.remove(term)
+        self.adopt(best)
         self.record(f"-{term.name}", f"without {term.title}")
         return True
 
@@ -348,13 +335,13 @@ class Search:
         recordings do not determine the term, by 10 %. A term whose loss, by linearisation, raises the cost beyond doubt
         is not fitted.
         """
-        vague = undetermined(self.best, term)
+        vague = self.vague(term)
         if not vague and cost_without(self.best, term) > (1 + 2 * MATERIAL) * self.best.cost:
             return None
         gone = {p.name for p in term.adds}
         try:
             end = fitted(self.setting, self.model(), [p for p in self.best.parameters if p.name not in gone],
-                         prior_weight=self.best.prior_weight)
+                         prior_weight=self.best.problem.size)
         except PliantError:
             return None
         score = self.scored(end)
@@ -365,7 +352,7 @@ class Search:
 
         The value is stated with its source, and the other parameters of the term are determined relative to it.
         """
-        vague = {name: text for t in self.chosen for name, text in undetermined(self.best, t).items()
+        vague = {name: text for t in self.chosen for name, text in self.vague(t).items()
                  if name not in t.null}  # fmt: skip
         if not vague or self.late:
             return False
@@ -373,7 +360,7 @@ class Search:
         held = [replace(p, free=False, source=f"held: the recordings show only {vague[name]}") if p.name == name else p
                 for p in self.best.parameters]
         try:
-            self.best = fitted(self.setting, self.model(), held, prior_weight=self.best.prior_weight)
+            self.best = fitted(self.setting, self.model(), held, prior_weight=self.best.problem.size)
         except PliantError:
             return False
         self.score = self.scored(self.best)
@@ -393,32 +380,10 @@ class Search:
         """Return a sentence on the model that was chosen and why the search ended."""
         names = ", ".join(t.title for t in self.chosen) or "no further term"
         first, last = self.steps[0].left_out_percent, self.steps[-1].left_out_percent
-        vague = {n: v for t in self.chosen for n, v in undetermined(self.best, t).items()}
+        vague = {n: v for t in self.chosen for n, v in self.vague(t).items()}
         stop += "".join(f"; not determined, but needed: {n} ({v})" for n, v in vague.items())
         return (f"{names}: left-out parts of the training recordings are predicted with {last:.3g} % of the peak "
                 f"displacement ({first:.3g} % without these terms); {stop}")
-
-
-def extra_parameters(term: Term) -> int:
-    """Return by how many a term raises the number of free parameters."""
-    return sum(p.free for p in term.adds) - len(term.replaces)
-
-
-def undetermined(fit: FittedModel, term: Term) -> dict[str, str]:
-    """Return the parameters of a term that the recordings do not determine, each with its value and error as text.
-
-    The standard error is compared with the distance from the value without effect. Parameters of single joints, which
-    shrink to their mean, and those with a prior rest on that.
-    """
-    errors, values, vague = fit.standard_errors, fit.values, {}
-    for name in (p.name for p in term.adds if p.name in errors and not p.shrink and not p.prior_std):
-        error, value = errors[name], values[name]
-        without_effect = term.null.get(name, 0.0)
-        if error is None:
-            vague[name] = "no effect of it"
-        elif error > DETERMINED * abs(value - without_effect):
-            vague[name] = f"{value:.3g} +- {error:.2g}"
-    return vague
 
 
 def cost_without(fit: FittedModel, term: Term) -> float:
@@ -427,7 +392,8 @@ def cost_without(fit: FittedModel, term: Term) -> float:
     mine = [k for k, name in enumerate(fit.free) if name in term.null]
     keep = [k for k, name in enumerate(fit.free) if name not in names]
     away = np.array([term.null[fit.free[k]] for k in mine]) / fit.problem.scale[mine] - fit.x[mine]
-    moved = fit.residual + fit.jacobian[:, mine] @ away
-    basis = np.linalg.qr(fit.jacobian[:, keep])[0]
+    residual, jacobian = fit.linear.whole
+    moved = residual + jacobian[:, mine] @ away
+    basis = np.linalg.qr(jacobian[:, keep])[0]
     left = moved - basis @ (basis.T @ moved)
     return 0.5 * float(left @ left)

@@ -25,6 +25,7 @@ TERMS = {  # the names of all terms, and what they add
     "creep": "creep",
     "creep_2": "a second creep branch",
     "slip": "internal friction",
+    "axial_creep": "creep of the length",
     "torque_2": "curvature of the torque law",
     "torque_3": "odd cubic torque law",
     "swell": "a late part of the torque",
@@ -148,7 +149,7 @@ def terms_for(
     def named(one: Term, names: Sequence[str]) -> bool:
         return one.name in names or one.name.rpartition(".")[2] in names
 
-    every = (*springs(model), *relaxation(), *inputs(model, experiments), *places(model, experiments),
+    every = (*springs(model), *relaxation(model), *inputs(model, experiments), *places(model, experiments),
              *lengthening(model, experiments))  # fmt: skip
     return tuple(t for t in every if (not only or named(t, only)) and not named(t, without))
 
@@ -168,11 +169,13 @@ def springs(model: Model) -> Iterator[Term]:
                    {"stiffness_ratio": model.space.stiffness_ratio})
 
 
-def relaxation() -> Iterator[Term]:
-    """Yield creep of the joints, with one branch and a second one, and friction."""
+def relaxation(model: Model) -> Iterator[Term]:
+    """Yield creep of the joints, with one branch and a second one, friction, and creep of a body that lengthens."""
     yield branch("creep", "", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0))
     yield branch("creep_2", "", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), needs="creep")
     yield branch("slip", "", "slip_share_1", "slip_angle_1", (0.003, 0.02, 0.1))
+    if mechanics_of(model).lengthens:
+        yield branch("axial_creep", "", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0))
 
 
 def branch(name: str, owner: str, share: str, inner: str, grid: Sequence[float], **options: Any) -> Term:

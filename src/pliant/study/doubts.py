@@ -9,9 +9,11 @@ from dataclasses import replace
 import xarray as xr
 
 from pliant.errors import InputError
+from pliant.identification import Experiment, FitResult
 from pliant.model import Model
 from pliant.preprocessing.plausibility import CHECKS, UNITS, Case, doubts
 from pliant.preprocessing.plausibility.together import beside
+from pliant.selection.determined import undetermined_terms
 from pliant.study.aligned import Aligned
 from pliant.study.body import preset
 from pliant.study.body_tables import ActuatorEntry
@@ -83,3 +85,19 @@ def model_warnings(models: Sequence[tuple[str, Model]], actuator: ActuatorEntry)
         for check, sentence in doubts(Case(model=model, diameter=actuator.diameter), "model").items():
             warnings.setdefault(check, f"{title}: {sentence}.")
     return tuple(warnings.values())
+
+
+def term_warnings(
+    fits: Sequence[tuple[str, FitResult, Sequence[Experiment]]], model: Model,
+) -> tuple[str, ...]:
+    """Return a warning for each fit (title, result, training recordings) with terms that the recordings do not
+    determine. `model` is that from which the fits begin.
+    """
+    lines = []
+    for title, result, train in fits:
+        vague = undetermined_terms(result, train, model)
+        if vague:
+            named = ", ".join(f"{name} ({text})" for name, text in vague.items())
+            lines.append(f"{title}: the training recordings do not determine {named}: leave it out, give it a prior, "
+                         "or let [model_selection] choose the terms.")
+    return tuple(lines)

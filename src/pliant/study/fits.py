@@ -28,6 +28,7 @@ from pliant.identification.nested import parents
 from pliant.identification.prediction import predict_body
 from pliant.model import Model
 from pliant.selection import ModelSelection, select_model, terms_for
+from pliant.selection.saved import SearchFile
 from pliant.simulation.accuracy import LIMIT, step_for, tip_error
 from pliant.simulation.time_step import nice
 from pliant.study.body import study_model
@@ -104,9 +105,9 @@ def fit_outcome(
 
 
 def run_model_selection(
-    study: Study, experiments: Mapping[str, Experiment], model: Model, notify: Notify,
+    study: Study, experiments: Mapping[str, Experiment], model: Model, notify: Notify, file: SearchFile | None = None,
 ) -> ModelSelection | None:
-    """Run the study's model selection and return its result; None if the study has none."""
+    """Run the study's model selection and return its result; None if the study has none. `file` keeps what is done."""
     entry = study.model_selection
     if entry is None:
         return None
@@ -114,7 +115,7 @@ def run_model_selection(
     return select_model(
         train, model, common=parameters_from(entry.common), minutes=entry.minutes,
         terms=terms_for(model, train, only=entry.terms, without=entry.without), time_step=study.time_step,
-        weighting=entry.weighting, loss=entry.loss, rng=study.seed,
+        weighting=entry.weighting, loss=entry.loss, rng=study.seed, file=file,
         progress=lambda line: notify(f"model selection: {line}"),
     )
 

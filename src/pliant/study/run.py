@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from pliant.errors import FitError, InputError
+from pliant.errors import FitError, InputError, PliantError
 from pliant.failures import FAILED, Failures, NotComputed, fit_failure
 from pliant.files import output_folder, replaced_together, write_text
 from pliant.identification import Experiment
@@ -23,12 +23,13 @@ from pliant.identification.starts import start_note
 from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.selection import ModelSelection
+from pliant.selection.saved import SearchFile
 from pliant.study.aligned import Aligned
 from pliant.study.baselines import with_baselines
 from pliant.study.body import study_model, with_azimuths
 from pliant.study.body_tables import ActuatorEntry
 from pliant.study.dense import link_experiment, shape_of
-from pliant.study.doubts import model_warnings, recording_warnings, unit_warning_first
+from pliant.study.doubts import model_warnings, recording_warnings, term_warnings, unit_warning_first
 from pliant.study.fits import run_model_selection, selection_fit
 from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.parallel_fits import run_fits
@@ -50,6 +51,7 @@ from pliant.version import __version__
 
 Notify = Callable[[str], None]
 WRITTEN = ("study.json", "results.nc", "report.html", "model.json", "metrics.json")  # the last marks a whole set
+LOG, SEARCH = "run.log", "search.json"  # lines of progress; what a model selection has reached, until the run ends
 
 
 def run_study(
@@ -84,13 +86,15 @@ def run_study(
     """
     began = clock.perf_counter()
     notify = progress or (lambda _line: None)
-    with output_folder(folder) if folder is not None else nullcontext() as target:
+    with output_folder(folder) if folder is not None else nullcontext() as target, ExitStack() as log:
         ready = prepare_all(study, notify)
         study = without(study, ready.dropped, ready.doubts).model_copy(update={"actuator": ready.actuator})
         check_forecasts(study, ready.experiments)
         prepared = clock.perf_counter()
+        notify = notify if target is None else log.enter_context(logged(notify, target, began))
         wirings = compare_wirings(study, ready.bodies, ready.model, notify)
-        ends, selection = all_fits(study, ready, notify, workers)
+        file = None if target is None else SearchFile(target / SEARCH, search_key(study, ready))
+        ends, selection = all_fits(study, ready, notify, workers, file)
         fits, failed = computed(ends)
         fitted = clock.perf_counter()
         fits = with_baselines(study, fits, ready.experiments, ready.bodies, notify)
@@ -106,7 +110,9 @@ def run_study(
             {"pliant": __version__, **ready.provenance}, selection, clocks=ready.clocks, failed=(*failed, *failures),
             wirings=wirings,
             doubts=(*ready.doubts, *wiring_warnings(wirings),
-                    *model_warnings([(f.title, f.result.model) for f in fits], study.actuator)),
+                    *model_warnings([(f.title, f.result.model) for f in fits], study.actuator),
+                    *term_warnings([(f.title, f.result, [ready.experiments[r] for r in study.fits[f.name].train])
+                                    for f in fits if f.name in study.fits], ready.model)),
         )
         outcome = replace(
             outcome, verdict=verdict(outcome, study.targets), headline=headline(outcome, study.targets)
@@ -117,11 +123,45 @@ def run_study(
         )
         if target is not None:
             outcome = write_outcome(study, outcome, target, began, notify)
+            if selection is None or selection.complete:
+                with suppress(OSError):
+                    (target / SEARCH).unlink(missing_ok=True)
         return outcome
 
 
+@contextmanager
+def logged(notify: Notify, folder: Path, began: float) -> Iterator[Notify]:
+    """Context manager that yields a function that passes each line of progress on and adds it, with the seconds since
+    `began`, to a new log in the folder. A full disk ends the log, not the run; a run that fails leaves none.
+    """
+    path = folder / LOG
+
+    def note(line: str) -> None:
+        with suppress(OSError), path.open("a", encoding="utf-8") as file:
+            file.write(f"{clock.perf_counter() - began:8.1f} s  {line}\n")
+        notify(line)
+
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
+    try:
+        yield note
+    except PliantError:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+        raise
+
+
+def search_key(study: Study, ready: PreparedStudy) -> str:
+    """Return a digest of all that decides the result of a model selection: study, recordings, version."""
+    entries = study.model_dump(mode="json", exclude={"title", "description", "targets", "fits", "forecasts"})
+    if study.model_selection is not None:
+        entries["model_selection"].pop("minutes")
+    content = [__version__, entries, ready.provenance]
+    return sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+
+
 def all_fits(
-    study: Study, ready: PreparedStudy, notify: Notify, workers: int | None,
+    study: Study, ready: PreparedStudy, notify: Notify, workers: int | None, file: SearchFile | None = None,
 ) -> tuple[list[tuple[str, FitOutcome | Exception]], ModelSelection | None]:
     """Compute the model selection and every fit of a study; return a pair (name, outcome or error) for each, and the
     result of the selection.
@@ -129,7 +169,7 @@ def all_fits(
     ends: list[tuple[str, FitOutcome | Exception]] = []
     chosen = None
     try:
-        chosen = run_model_selection(study, ready.experiments, ready.model, notify)
+        chosen = run_model_selection(study, ready.experiments, ready.model, notify, file)
         ends += [("model_selection", selection_fit(study, chosen, ready.experiments, notify))] if chosen else []
     except FAILED as error:
         notify(f"warning: {fit_failure('model_selection', error).sentence}")

@@ -194,6 +194,19 @@ class Study(StudyEntry):
     seed: int = 0
     folder: str = "."  # start of relative file names; set when the study is loaded
 
+    def with_minutes(self, minutes: float) -> Study:
+        """Return the study with another time limit [min] of its model selection.
+
+        Raises
+        ------
+        InputError
+            When the study selects no model.
+        """
+        if self.model_selection is None:
+            raise InputError(f"study {self.name}: there is no time limit to change, since it has no [model_selection]: "
+                             "leave out --minutes, or add the table")
+        return self.model_copy(update={"model_selection": self.model_selection.model_copy(update={"minutes": minutes})})
+
 
 def load_study(path: str | Path) -> Study:
     """Read a study file, check its entries and return the study.
