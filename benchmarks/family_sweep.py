@@ -30,7 +30,7 @@ from pliant.reduction import spline_shape
 from pliant.selection import select_model
 from pliant.study.body import study_model
 from pliant.study.dense import link_experiment, shape_of
-from pliant.study.fits import records_of
+from pliant.study.fits import records_of, with_rivals
 from pliant.study.prepare import all_aligned
 from pliant.study.schema import Study
 from pliant.sweep.store import Arrays
@@ -123,7 +123,7 @@ def judged(who: Member, links: int) -> dict[str, Any]:
             if failures:
                 found["told"] += " ".join(f.sentence for f in failures)
                 continue
-            record = records[-1]
+            record = with_rivals(records[-1], selection.rivals)
             held = predict_held_out(experiments[case], selection.result)[1]
             rows = predict(held.model, experiments[case], held.values, held.time_step)["position"]
         except PliantError as problem:

@@ -49,6 +49,9 @@ def test_nothing_is_added_to_a_linear_chain_and_the_search_says_why():
     assert {t.name for t in step.tried} == {"softening", "torque_2"}
     assert all(t.reason for t in step.tried)
     assert len(told) == 1
+    (first, *_) = found.rivals  # as good as the chosen one, with a term of no effect
+    assert first.title.startswith("with ")
+    assert first.result.values["stiffness"] == pytest.approx(0.5, rel=0.01)
 
 
 @pytest.mark.slow

@@ -7,10 +7,12 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from command_line import program
 
 from pliant.errors import InputError
+from pliant.identification import Band
 from pliant.study import demo_study, load_study, run_study
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.store import load_outcome
@@ -76,6 +78,15 @@ def test_minutes_limits_a_run_that_then_goes_on_in_the_same_folder(tmp_path: Pat
     assert "goes on from a run that was stopped" in (out / "run.log").read_text()
     assert "softening" in json.loads((out / "metrics.json").read_text())["model_selection"]["terms"]
     assert not (out / "search.json").exists()
+
+
+def test_rivals_widen_the_band_where_they_predict_something_else() -> None:
+    line = np.zeros((3, 1, 2))
+    band = Band(line, line + 3.0, line - 1.96 * 3.0, line + 1.96 * 3.0, 0.95)
+    wider = band.widened(line + 4.0)
+    assert np.allclose(wider.std, 5.0)
+    assert np.allclose(wider.upper, 5.0 * 1.959964)
+    assert np.allclose(wider.lower, -wider.upper)
 
 
 def test_minutes_needs_a_model_selection(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -51,6 +51,12 @@ class Band(Shown):
         """Return the fraction of the observed values in `position` that lie within the prediction interval."""
         seen = np.isfinite(position)
         return float(((self.lower <= position) & (position <= self.upper))[seen].mean())
+
+    def widened(self, spread: Float[Array, "T S k"]) -> Band:
+        """Return the band with an additional standard deviation `spread` [m; rad], independent of the others."""
+        std = np.sqrt(self.std**2 + spread**2)
+        half = NormalDist().inv_cdf(0.5 + 0.5 * self.level) * std
+        return replace(self, std=std, lower=self.position - half, upper=self.position + half)
 
     def card(self) -> Card:
         """Return a display card: the level of the prediction interval, and its median and largest half-width."""

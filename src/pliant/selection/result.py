@@ -35,6 +35,20 @@ class TriedTerm(NamedTuple):
     reason: str = ""
 
 
+class RivalModel(NamedTuple):
+    """A model with other terms that predicts left-out parts almost as well as the chosen one.
+
+    Attributes
+    ----------
+    title : str
+        The term by which it differs.
+    result : FitResult
+    """
+
+    title: str
+    result: FitResult
+
+
 @dataclass(frozen=True)
 class SelectionStep:
     """A model on the way of a search, with errors in % of the peak displacement.
@@ -107,6 +121,8 @@ class ModelSelection(Shown):
         Wall time of the search, s.
     complete : bool
         False if an interrupt or the time limit ended the search.
+    rivals : tuple of RivalModel
+        Models that are almost as good: where their predictions differ, the recordings do not decide. Not stored.
     """
 
     steps: tuple[SelectionStep, ...]
@@ -115,6 +131,7 @@ class ModelSelection(Shown):
     result: FitResult
     seconds: float
     complete: bool = True
+    rivals: tuple[RivalModel, ...] = ()
 
     def card(self) -> Card:
         """Return a display card: table of the errors after each step, and of the terms that were refused last."""

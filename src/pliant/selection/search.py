@@ -20,7 +20,7 @@ from pliant.selection.criterion import criterion, groups_of, left_out, noise_of
 from pliant.selection.determined import undetermined
 from pliant.selection.first_model import Entry, anchored, beginning
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
-from pliant.selection.result import ModelSelection, SelectionStep, TriedTerm
+from pliant.selection.result import ModelSelection, RivalModel, SelectionStep, TriedTerm
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
 from pliant.selection.terms import Term, terms_for
@@ -31,6 +31,8 @@ MUCH = 0.1  # of the criterion: a smaller gain does not keep a term that is not 
 MATERIAL = 0.03  # of the criterion: a smaller gain does not earn a term its place
 REFITS = 3  # terms that are fitted in each step, those with the best screens
 MOST_REFITS = 6  # of them while none helps: a screen underestimates terms that act nonlinearly, such as friction
+ALMOST = 0.2  # of the criterion: a model within that of the chosen one is a rival
+RIVALS, MOST_OTHERS = 2, 8  # the best of them, and those kept during the search
 SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converged
 MINUTES = 5.0
 RESERVE = 0.15  # of the time: kept for the last fit
@@ -163,6 +165,7 @@ class Search:
     file: SearchFile | None = None
     chosen: list[Term] = field(default_factory=list)
     steps: list[SelectionStep] = field(default_factory=list)
+    others: list[tuple[float, str, FittedModel]] = field(default_factory=list)  # criterion, difference, fit
 
     def __post_init__(self) -> None:
         self.allowed = self.deadline - clock.monotonic()
@@ -185,7 +188,7 @@ class Search:
         result = self.final_fit()
         names = tuple(term.name for term in self.chosen)
         return ModelSelection(tuple(self.steps), names, self.reason(stop), result, clock.monotonic() - self.began,
-                              complete=stop == NO_BETTER)
+                              stop == NO_BETTER, self.rivals())
 
     def model(self, *more: Term) -> Model:
         """Return the given model with the segments that the chosen terms and `more` need."""
@@ -222,6 +225,10 @@ class Search:
             f"{title}: error of left-out parts {self.steps[-1].left_out_percent:.3g} % of the peak displacement, "
             f"{len(self.best.free)} parameters ({clock.monotonic() - self.began:.0f} s; at most {left:.0f} s more)"
         )
+
+    def keep(self, score: float, title: str, fit: FittedModel) -> None:
+        """Keep a model as a possible rival of the chosen one; those with the lowest criteria stay."""
+        self.others = sorted([*self.others, (score, title, fit)], key=lambda c: c[0])[:MOST_OTHERS]
 
     def vague(self, term: Term) -> dict[str, str]:
         """Return the parameters of a term that the recordings do not determine, each with its value and error."""
@@ -305,6 +312,7 @@ class Search:
         except PliantError as error:
             return None, trial._replace(reason=str(error))
         score = self.scored(best)
+        self.keep(score, f"with {term.title}", best)
         trial = trial._replace(cost=best.cost, left_out=score, reason="")
         if best.cost > (1 + SAME) * self.best.cost:
             return None, trial._replace(reason="its fit has not converged: the cost is above that without the term")
@@ -345,6 +353,7 @@ class Search:
         except PliantError:
             return None
         score = self.scored(end)
+        self.keep(score, f"without {term.title}", end)
         return (score, end, term) if score < (1 + (MUCH if vague else MATERIAL)) * self.score else None
 
     def hold_parameter(self) -> bool:
@@ -375,6 +384,18 @@ class Search:
             problem.learn_sizes(best.x)
             best = solve(problem, best.x, self.setting.loss, LAST_EVALUATIONS)
         return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began, "")
+
+    def rivals(self) -> tuple[RivalModel, ...]:
+        """Return the best models with other terms, if their criterion is within `ALMOST` of the chosen model's."""
+        others = [c for c in self.others if c[0] < (1 + ALMOST) * self.score and set(c[2].free) != set(self.best.free)]
+        best: dict[str, FittedModel] = {}
+        for _, title, other in sorted(others, key=lambda c: c[0]):
+            best.setdefault(title, other)
+        rivals = []
+        for title, other in list(best.items())[:RIVALS]:
+            end = solve(other.problem, other.x, self.setting.loss, 1)
+            rivals.append(RivalModel(title, finished(other.problem, end, self.setting.loss, None, 0.0, "")))
+        return tuple(rivals)
 
     def reason(self, stop: str) -> str:
         """Return a sentence on the model that was chosen and why the search ended."""

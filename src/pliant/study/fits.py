@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from pliant.failures import Failures, finite
+from pliant.failures import FAILED, Failures, finite
 from pliant.identification import (
     Band,
     Experiment,
@@ -28,6 +29,7 @@ from pliant.identification.nested import parents
 from pliant.identification.prediction import predict_body
 from pliant.model import Model
 from pliant.selection import ModelSelection, select_model, terms_for
+from pliant.selection.result import RivalModel
 from pliant.selection.saved import SearchFile
 from pliant.simulation.accuracy import LIMIT, step_for, tip_error
 from pliant.simulation.time_step import nice
@@ -125,9 +127,26 @@ def selection_fit(
 ) -> FitOutcome:
     """Return the results of the model that the model selection chose, in the same form as those of a fit."""
     entry = study.model_selection or SelectionEntry.model_validate({"train": []})
-    return fit_outcome(
+    outcome = fit_outcome(
         study, "model_selection", "Chosen terms", entry, selection.result, selection.seconds, experiments, notify,
     )
+    return replace(outcome, records=tuple(with_rivals(r, selection.rivals) for r in outcome.records))
+
+
+def with_rivals(record: RecordOutcome, rivals: Sequence[RivalModel]) -> RecordOutcome:
+    """Return the record with a band that is wider where models that are almost as good predict something else. A rival
+    that cannot follow the recording is left out.
+    """
+    apart = []
+    for rival in rivals if record.band is not None else ():
+        with suppress(*FAILED):
+            apart.append(predicted_outcome(record.experiment, rival.result, rival.result.time_step)[0].modelled
+                         - record.modelled)  # fmt: skip
+    if record.band is None or not apart:
+        return record
+    band = record.band.widened(np.sqrt(np.mean(np.square(apart), axis=0)))
+    return replace(record, band=band, metrics={
+        **record.metrics, "within_band_percent": 100 * band.holds(record.experiment.compared)})
 
 
 def outcome_of(
