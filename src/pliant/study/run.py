@@ -109,10 +109,7 @@ def run_study(
             {"prepare_s": prepared - began, "fits_s": fitted - prepared, "plain_maps_s": compared - fitted},
             {"pliant": __version__, **ready.provenance}, selection, clocks=ready.clocks, failed=(*failed, *failures),
             wirings=wirings,
-            doubts=(*ready.doubts, *wiring_warnings(wirings),
-                    *model_warnings([(f.title, f.result.model) for f in fits], study.actuator),
-                    *term_warnings([(f.title, f.result, [ready.experiments[r] for r in study.fits[f.name].train])
-                                    for f in fits if f.name in study.fits], ready.model)),
+            doubts=(*ready.doubts, *wiring_warnings(wirings), *fit_warnings(study, fits, ready)),
         )
         outcome = replace(
             outcome, verdict=verdict(outcome, study.targets), headline=headline(outcome, study.targets)
@@ -123,10 +120,15 @@ def run_study(
         )
         if target is not None:
             outcome = write_outcome(study, outcome, target, began, notify)
-            if selection is None or selection.complete:
-                with suppress(OSError):
-                    (target / SEARCH).unlink(missing_ok=True)
         return outcome
+
+
+def fit_warnings(study: Study, fits: Sequence[FitOutcome], ready: PreparedStudy) -> tuple[str, ...]:
+    """Return warnings about implausible models, and about terms of fits that their recordings do not determine."""
+    stated = [(f.title, f.result, [ready.experiments[r] for r in study.fits[f.name].train])
+              for f in fits if f.name in study.fits]  # fmt: skip
+    models = [(f.title, f.result.model) for f in fits]
+    return *model_warnings(models, study.actuator), *term_warnings(stated, ready.model)
 
 
 @contextmanager
@@ -280,6 +282,9 @@ def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: floa
         save_model(outcome.model, draft / "model.json")
         outcome = replace(outcome, timing={**outcome.timing, "total_s": clock.perf_counter() - began})
         write_text(draft / "metrics.json", json.dumps(outcome.to_dict(), indent=1, allow_nan=False) + "\n")
+    if outcome.model_selection is None or outcome.model_selection.complete:
+        with suppress(OSError):
+            (folder / SEARCH).unlink(missing_ok=True)
     notify(f"wrote {folder / 'report.html'}")
     return outcome
 
