@@ -1,6 +1,6 @@
 """Fit the examples with one term added, removed or replaced: the tables of "Hysteresis and creep".
 
-Usage: python benchmarks/variants.py [beam|trunk|swings|pulses|left_out|stiffening|creep|levels|parts ...]; the
+Usage: python benchmarks/variants.py [beam|trunk|swings|pulses|left_out|stiffening|levels|parts ...]; the
 recordings come by `pliant data fetch`.
 """
 
@@ -164,15 +164,6 @@ def stiffening() -> None:
             show(study.model_copy(update={"fits": {"fit": fit}}))
 
 
-def creep() -> None:
-    """Fit the demo's fit `softening`, and the same with a creep branch."""
-    study = load_study(demo_study())
-    plain = study.fits["softening"]
-    creeping = {**plain.parameters, **free("creep_share_1", "creep_time_1")}
-    for fit in (plain, plain.model_copy(update={"title": "with creep", "parameters": creeping})):
-        show(study.model_copy(update={"fits": {"fit": fit}}))
-
-
 def levels() -> None:
     """Print the error of interpolating the tip's measured time series between the eight levels, without a model."""
     bodies = [one.body for one in all_aligned(load_study(EXAMPLES / "pneumatic_arm_levels.toml")).values()]
@@ -239,6 +230,6 @@ def rounded(content: object) -> str:
 
 if __name__ == "__main__":
     tables = {"beam": beam, "trunk": trunk, "swings": swings, "pulses": pulses, "left_out": left_out,
-              "stiffening": stiffening, "creep": creep, "levels": levels, "parts": parts}
+              "stiffening": stiffening, "levels": levels, "parts": parts}
     for asked in sys.argv[1:] or tables:
         tables[asked]()
