@@ -157,7 +157,8 @@ def left_out() -> None:
 
 def stiffening() -> None:
     """Predict the demo's actuator at 240 kPa from 60 and 180, with and without springs that stiffen again."""
-    study, pulses = load_study(demo_study()), {"train": ["pulse_60", "pulse_180"], "held_out": ["step_240"]}
+    study = load_study(demo_study()).model_copy(update={"model_selection": None})
+    pulses = {"train": ["pulse_60", "pulse_180"], "held_out": ["step_240"]}
     for name, more in DETAIL.items():
         for last in ({}, free("cubic_stiffening")):
             fit = Fit(title=f"{name}{', cubic' * bool(last)}", parameters={**PULSES, **more, **last}, **pulses)
