@@ -149,7 +149,7 @@ def model(folder: Path) -> None:
     fibre = load_study(demo_study())
     fits = {"softening": fibre.fits["softening"].model_copy(update={"starts": 1, "held_out": ["pulse_119"]})}
     names = ("pulse_60", "pulse_180", "pulse_119")
-    fibre = fibre.model_copy(update={"fits": fits})
+    fibre = fibre.model_copy(update={"fits": fits, "model_selection": None})
     view = replace(VIEW, aside=0.15, tilt=0.08).scaled(640)
     look, shutter = replace(LOOK, clutter=40, light=0.3), replace(SHUTTER, exposure=2e-3, noise=4.0)
     entries = {}

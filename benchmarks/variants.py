@@ -1,6 +1,6 @@
 """Fit the examples with one term added, removed or replaced: the tables of "Hysteresis and creep".
 
-Usage: python benchmarks/variants.py [beam|trunk|swings|pulses|left_out|stiffening|creep|levels|parts ...]; the
+Usage: python benchmarks/variants.py [beam|trunk|swings|pulses|left_out|stiffening|levels|parts ...]; the
 recordings come by `pliant data fetch`.
 """
 
@@ -157,20 +157,12 @@ def left_out() -> None:
 
 def stiffening() -> None:
     """Predict the demo's actuator at 240 kPa from 60 and 180, with and without springs that stiffen again."""
-    study, pulses = load_study(demo_study()), {"train": ["pulse_60", "pulse_180"], "held_out": ["step_240"]}
+    study = load_study(demo_study()).model_copy(update={"model_selection": None})
+    pulses = {"train": ["pulse_60", "pulse_180"], "held_out": ["step_240"]}
     for name, more in DETAIL.items():
         for last in ({}, free("cubic_stiffening")):
             fit = Fit(title=f"{name}{', cubic' * bool(last)}", parameters={**PULSES, **more, **last}, **pulses)
             show(study.model_copy(update={"fits": {"fit": fit}}))
-
-
-def creep() -> None:
-    """Fit the demo's fit `softening`, and the same with a creep branch."""
-    study = load_study(demo_study())
-    plain = study.fits["softening"]
-    creeping = {**plain.parameters, **free("creep_share_1", "creep_time_1")}
-    for fit in (plain, plain.model_copy(update={"title": "with creep", "parameters": creeping})):
-        show(study.model_copy(update={"fits": {"fit": fit}}))
 
 
 def levels() -> None:
@@ -239,6 +231,6 @@ def rounded(content: object) -> str:
 
 if __name__ == "__main__":
     tables = {"beam": beam, "trunk": trunk, "swings": swings, "pulses": pulses, "left_out": left_out,
-              "stiffening": stiffening, "creep": creep, "levels": levels, "parts": parts}
+              "stiffening": stiffening, "levels": levels, "parts": parts}
     for asked in sys.argv[1:] or tables:
         tables[asked]()

@@ -162,6 +162,14 @@ def test_python_uses_what_pliant_has(page):
                 assert hasattr(pliant, node.attr), f"{name_of(page)} uses pliant.{node.attr}"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_other_fits_of_a_study_leave_out_its_model_selection(page):
+    """The first outcome of a study with model selection is the selected model, whatever its fits are."""
+    for code in cells(page):
+        for changes in re.findall(r"\bstudy\.model_copy\(update=\{([^}]*)\}", code):
+            assert '"fits"' not in changes or '"model_selection": None' in changes, f"{name_of(page)}: {changes}"
+
+
 def test_every_page_shows_what_its_pictures_are():
     for page in PAGES:
         text = page.read_text(encoding="utf-8")

@@ -110,7 +110,6 @@ def turning(chain, x, v):
 
 
 def test_energy_and_angular_momentum_about_gravity_drift_with_the_square_of_the_step():
-    """`python benchmarks/invariants.py` follows a million steps."""
     chain, drifts = hanging(2), []
     before = np.array([stored(chain, chain.x, chain.v), turning(chain, chain.x, chain.v)])
     moving = spatial_points.kinetic_energy(chain.x, chain.v, chain.body, chain.work())

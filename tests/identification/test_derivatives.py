@@ -41,7 +41,7 @@ FEW = 3  # and of a model, where shared ones and those of parts and records take
 
 @pytest.mark.parametrize(("field", "what"), CHOICES)
 def test_a_sample_agrees_with_differences_for_every_option(field: str, what: str) -> None:
-    """One excitation and model for each option; `benchmarks/derivatives.py` takes all of them."""
+    """One excitation and model for each option."""
     where = next((m, e) for m, e in (("plain", x) for x in EXCITATIONS) if case(m, e, field, what)) if (
         field != "drives") else ("chambers", "trace")  # fmt: skip
     exp = case(*where, field, what)
