@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pliant.cli.terminal import progress_lines, say
+from pliant.cli.terminal import in_unit, progress_lines, say
 
 
 def run(
@@ -25,7 +25,7 @@ def run(
     ] = None,
     minutes: Annotated[
         float | None,
-        typer.Option(min=0.01, max=1e4, help="Time limit of the model selection, min; default: the study's."),
+        typer.Option(parser=in_unit("min", 0.01), help="Time limit of the model selection, min; default: the study's."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
