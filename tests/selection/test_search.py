@@ -7,7 +7,7 @@ import pytest
 
 from pliant.errors import FitError, InputError
 from pliant.identification import Experiment, Parameter, fit
-from pliant.model import Extension, Memory, Model, Station, chain_model
+from pliant.model import Chamber, Extension, Memory, Model, Station, chain_model
 from pliant.selection import select_model, terms_for
 from pliant.selection.first_model import beginning
 from pliant.selection.saved import SearchFile
@@ -90,6 +90,27 @@ def test_a_body_that_lengthens_begins_with_the_axial_force_of_each_chamber():
     names = [e if isinstance(e, str) else e.name for e in beginning(longer, two(chain()), ["axial_damping"])]
     assert sorted(names) == ["axial_damping", "axial_gain", "damping", "stiffness", "torque_1"]
     assert "axial_gain" not in beginning(GIVEN, two(chain()), [])
+
+
+def test_an_input_that_never_moves_rests_on_the_size_of_the_other():
+    sides = chain(torque=np.zeros(1)).with_(chambers=(
+        Chamber(torque=[6e-7], name="left"), Chamber(torque=[4e-7], joint_gain=-1.0, name="right")))
+    level = Trace([0.1, 0.13, 1.0, 1.03], [0.0, 1e5, 1e5, 0.0])
+    still = Trace(level.time, np.zeros(4))
+    path = simulate(sides, [level, still], times=TIMES, time_step=5e-4)["station_position"].values
+    path = path + NOISE * np.random.default_rng(1).normal(size=path.shape)
+    drives = {"left": level, "right": still}
+    one = Experiment("one", TIMES, path, ("tip",), "trace", drives=drives)
+    given = sides.with_(chambers=tuple(Chamber(torque=[0.0], joint_gain=c.joint_gain, name=c.name)
+                                       for c in sides.chambers), stiffness=0.4)  # fmt: skip
+    told: list[str] = []
+    found = select_model([one], given, terms=[], progress=told.append)
+    assert "right.torque_1" in told[0]
+    left, right = (next(p for p in found.result.parameters if p.name == f"{n}.torque_1") for n in ("left", "right"))
+    assert left.value == pytest.approx(6e-7, rel=0.02)
+    assert right.prior_std == pytest.approx(left.value, rel=0.02)
+    assert "left" in right.source
+    assert right.std == pytest.approx(right.prior_std, rel=0.05)
 
 
 def test_bad_input_is_refused():

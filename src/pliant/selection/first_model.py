@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from pliant.identification.chamber_parameters import has_effect, prefixes
 from pliant.identification.experiment import Experiment
 from pliant.identification.parameters import Parameter, shared_name
@@ -14,6 +16,7 @@ from pliant.selection.determined import DETERMINED
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 
 Entry = Parameter | str
+ALIKE = (("gain_x", "gain_y"), ("axial_gain",), ("torque_1",))  # parameters of inputs that have one size in a body
 
 
 def beginning(model: Model, train: Sequence[Experiment], common: Sequence[Entry]) -> list[Entry]:
@@ -47,15 +50,47 @@ def torque_names(model: Model) -> list[str]:
     return names
 
 
-def anchored(parent: FittedModel, setting: FitSetting) -> FittedModel:
-    """Return a fit of the first model in which the stiffness is held, if the recordings do not determine it.
+def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
+    """Return a fit of the first model in which every parameter is determined, rests on a prior or is held.
 
-    Stiffness, damping and torque then have a common scale that no recording of this body shows, and the other
-    parameters are determined relative to the stiffness.
+    An input that hardly moves in the recordings gets the size of the input that shows most as a prior. What still has
+    no effect is held at its value. If the recordings do not determine the stiffness, it is held too: stiffness, damping
+    and torque then have a common scale that no recording of this body shows, and the other parameters are determined
+    relative to the stiffness.
     """
-    error, value = parent.standard_errors.get("stiffness", 0.0), parent.values.get("stiffness", 0.0)
-    if error is not None and error <= DETERMINED * value:
+    parent = with_alike(parent, setting)
+    errors, value = parent.standard_errors, parent.values.get("stiffness", 0.0)
+    held = {name: "held: no effect on these recordings" for name, error in errors.items() if error is None}
+    error = errors.get("stiffness", 0.0)
+    if error is not None and error > DETERMINED * value:
+        held["stiffness"] = f"held: the recordings show only {value:.3g} +- {error:.2g}"
+    if not held:
         return parent
-    why = f"held: the recordings show only {value:.3g}" + ("" if error is None else f" +- {error:.2g}")
-    held = [replace(p, free=False, source=why) if p.name == "stiffness" else p for p in parent.parameters]
-    return fitted(setting, parent.model, held)
+    parameters = [replace(p, free=False, source=held[p.name]) if p.name in held else p for p in parent.parameters]
+    return fitted(setting, parent.model, parameters, prior_weight=parent.problem.size)
+
+
+def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
+    """Return a fit in which the gains of inputs that the recordings do not determine rest on a prior: zero, with the
+    size of the gain of the input that they determine best.
+    """
+    priors: dict[str, tuple[float, str]] = {}
+    for kind in ALIKE:
+        sizes, doubts = dict[str, float](), dict[str, float]()
+        for p in parent.problem.free:
+            owner, _, own = p.name.rpartition(".")
+            if owner and own in kind and not p.prior_std:
+                error = parent.standard_errors[p.name]
+                sizes[owner] = float(np.hypot(sizes.get(owner, 0.0), parent.values[p.name]))
+                doubts[owner] = float(np.hypot(doubts.get(owner, 0.0), np.inf if error is None else error))
+        known = {owner: doubts[owner] / max(size, 1e-300) for owner, size in sizes.items()}
+        best = min(known, key=lambda owner: known[owner], default="")
+        if best and known[best] <= DETERMINED < max(known.values()):
+            source = f"not determined; a prior of the size that {best} shows"
+            priors |= {f"{owner}.{own}": (sizes[best], source) for owner in known for own in kind
+                       if known[owner] > DETERMINED}  # fmt: skip
+    if not priors:
+        return parent
+    parameters = [replace(p, prior=0.0, prior_std=priors[p.name][0], source=priors[p.name][1])
+                  if p.name in priors else p for p in parent.parameters]  # fmt: skip
+    return fitted(setting, parent.model, parameters, prior_weight=parent.prior_weight)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
-from pliant.errors import InputError, PliantError
+from pliant.errors import FitError, InputError, PliantError
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import check_choices, finished, fit
 from pliant.identification.optimise import solve
@@ -18,7 +18,7 @@ from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.selection.criterion import criterion, groups_of, left_out, noise_of
 from pliant.selection.determined import undetermined
-from pliant.selection.first_model import Entry, anchored, beginning
+from pliant.selection.first_model import Entry, beginning, determined
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.result import ModelSelection, RivalModel, SelectionStep, TriedTerm
 from pliant.selection.saved import SearchFile
@@ -112,13 +112,12 @@ def select_model(
     deadline = began + 60 * how["minutes"]
     file, state = how["file"], None if how["file"] is None else how["file"].load()
     if state is None:
-        first = fit(train, model, beginning(model, train, common), starts=2, time_step=how["time_step"],
-                    weighting=how["weighting"], loss=how["loss"], rng=how["rng"], max_evaluations=100)
+        first = first_fit(train, model, beginning(model, train, common), how, notify)
         setting = FitSetting(tuple(train), first.time_step, how["weighting"], how["loss"])
         terms = terms_for(model, train) if how["terms"] is None else how["terms"]
         parent = fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0)
         given = model.with_(stations=parent.model.stations)
-        return Search(setting, given, anchored(parent, setting), terms, began, deadline, notify, file).run()
+        return Search(setting, given, determined(parent, setting), terms, began, deadline, notify, file).run()
     setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"])
     terms = terms_for(model, train) if how["terms"] is None else how["terms"]
     chosen = [t for name in state.terms for t in terms if t.name == name]
@@ -130,6 +129,24 @@ def select_model(
     given = model.with_(stations=best.model.stations)
     return Search(setting, given, best, terms, began - state.seconds, deadline, notify, file, chosen,
                   list(state.steps)).run()
+
+
+def first_fit(
+    train: Sequence[Experiment], model: Model, parameters: Sequence[Entry], how: SearchOptions, notify: Notify,
+) -> FitResult:
+    """Return the fit with which a search begins. Parameters of several inputs that the recordings do not determine are
+    named and stay near their start values.
+    """
+    options: dict[str, Any] = {"starts": 2, "max_evaluations": 100, "time_step": how["time_step"],
+                               "weighting": how["weighting"], "loss": how["loss"], "rng": how["rng"]}  # fmt: skip
+    try:
+        return fit(train, model, parameters, **options)
+    except FitError as error:
+        if len(model.chambers) < 2:
+            raise
+        found = fit(train, model, parameters, regularise=True, **options)
+        notify(f"warning: {error}")
+        return found
 
 
 def ignore(_line: str) -> None:
