@@ -1,10 +1,13 @@
 """Fits of a chain in space: derivatives against differences, parameters found again from another's motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from space_cases import (
     AZIMUTHS,
     LINKS,
+    OF_AXIAL_MEMORY,
     OF_MEMORY,
     OF_SEGMENTS,
     OF_TENDONS,
@@ -22,7 +25,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit import fit
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
-from pliant.model import Space, Station
+from pliant.model import Extension, Space, Station
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
 
@@ -42,6 +45,8 @@ EXCITED = {
              "drives": {n: Trace(TIME, (1e-7 if n in ("red", "cord") else 1.0) * t.pressure)
                         for n, t in {**TRACES, "cord": TRACES["red"]}.items()},
              "forces": (PointForce(np.zeros(1), np.array([[0.1, 0.0, 0.3]]), "mid"),)},
+    "remembers": {"excitation": "trace", "drives": TRACES},
+    "held remembers": {"excitation": "release", "held": np.array([[0.01, -0.01, 0.19], [0.05, -0.03, 0.29]])},
     "forces": {"excitation": "trace", "drives": TRACES,
                "forces": (PointForce(np.array([0.0, 1.0]), np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.1]]), "tip"),)},
 }  # fmt: skip
@@ -51,13 +56,18 @@ EXCITED = {
 @pytest.mark.parametrize("kind", EXCITED)
 def test_derivatives_of_a_motion_in_space_are_those_of_differences(kind):
     exp, values, model = record(**EXCITED[kind]), dict(SOUND), arm()
-    if kind in ("release", "held"):
+    if kind in ("release", "held", "held remembers"):
         values |= {"release": 0.13, "release_time": 0.05} | ({"hold_force": 0.3} if kind == "release" else {})
         del values["start"]
-    if kind == "held":  # few joints, whose pose two points decide
+    if kind.startswith("held"):  # few joints, whose pose two points decide
         places = [Station("mid", 0, 0.11, 0.0, 0.01), Station("tip", 1, 0.07)]
         model = arm(links=2, space=Space(stiffness_ratio=1.2), stations=places)
         del values["twist_ratio"]
+    if kind.endswith("remembers"):  # joints and segments
+        whole = Extension(60.0, 0.4, 0.0, None, "whole")
+        model = model.with_(extensions=(whole,), chambers=[replace(c, axial_gain=30.0) for c in model.chambers])
+        values = {k: v for k, v in values.items() if k in ("stiffness", "damping", "release", "release_time", "start")}
+        values |= {"axial_stiffness": 55.0} | OF_MEMORY | OF_AXIAL_MEMORY
     if kind == "rich":  # tendons, segments that lengthen and memory: one motion compiled for all
         model = rich_arm()
         values |= OF_TENDONS | OF_SEGMENTS | OF_MEMORY
@@ -71,6 +81,7 @@ def test_derivatives_of_a_motion_in_space_are_those_of_differences(kind):
         up, down = (predict(model, exp, {**values, name: value + s * h}, STEP)["position"] for s in (1, -1))
         difference = (up - down) / (2 * h)
         assert np.abs(slope - difference).max() <= 2e-6 * np.abs(difference).max() + 1e-9, name
+        assert name not in OF_AXIAL_MEMORY or np.abs(difference).max() > 1e-5, name
 
 
 @pytest.mark.slow

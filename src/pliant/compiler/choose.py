@@ -111,8 +111,9 @@ def dual_twin(
     from pliant.compiler.cache import part
     from pliant.compiler.duals import from_floats
 
-    remembers = axial & trace.REMEMBERS
-    sizes = (1, 0, 2, min(tendons, 1), remembers) if turns > 1 else (links, segments, turns, 0, axial)  # loops fit any size
+    sizes: tuple[Any, ...] = (links, segments, turns, 0, axial)
+    if turns > 1:  # loops fit any size
+        sizes = 1, 0, 2, min(tendons, 1), axial & trace.REMEMBERS
     return from_floats(part(made(kernel, "_duals", *sizes)))
 
 
