@@ -85,6 +85,20 @@ def test_derivatives_of_a_motion_in_space_are_those_of_differences(kind):
 
 
 @pytest.mark.slow
+def test_a_pulled_body_whose_segment_slipped_begins_in_equilibrium():
+    """A hand holds the stretched slip elements of joints and segment too: nothing moves until it lets go."""
+    whole = Extension(60.0, 0.4, 0.0, None, "whole")
+    places = [Station("mid", 0, 0.11, 0.0, 0.01), Station("tip", 1, 0.07)]
+    model = arm(links=2, space=Space(stiffness_ratio=1.2), stations=places, extensions=(whole,))
+    held = record(**EXCITED["held remembers"])
+    values = {"release": 0.1, "release_time": 8.0, "slip_share_1": 0.3, "slip_angle_1": 0.02}
+    values |= {"axial_slip_share_1": 0.6, "axial_slip_strain_1": 0.004}
+    position = predict(model, held, values, STEP)["position"]
+    assert np.abs(position[TIME < 0.2] - position[0]).max() < 2e-5
+    assert np.abs(position - position[0]).max() > 2e-4  # 8 s of letting go have begun
+
+
+@pytest.mark.slow
 def test_stiffnesses_twist_and_azimuths_are_found_again():
     """The recording comes from a chain of twice as many links, so that the fit's own equations did not make it."""
     rng = np.random.default_rng(1)
