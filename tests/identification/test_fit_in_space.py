@@ -25,7 +25,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit import fit
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
-from pliant.model import Extension, Space, Station
+from pliant.model import Chamber, Extension, Memory, Space, Station
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
 
@@ -96,6 +96,30 @@ def test_a_pulled_body_whose_segment_slipped_begins_in_equilibrium():
     position = predict(model, held, values, STEP)["position"]
     assert np.abs(position[TIME < 0.2] - position[0]).max() < 2e-5
     assert np.abs(position - position[0]).max() > 2e-4  # 8 s of letting go have begun
+
+
+@pytest.mark.slow
+def test_the_slow_creep_of_a_fabric_arm_that_hangs_is_found_again():
+    """An arm that grows by a step of pressure for 24 s, its slow part larger than the fast one: time constant 8 s."""
+    time = np.arange(0.0, 24.0, 0.1)
+    push = {"blue": Trace([0.0, 1.0, 1.02, 24.0], [0.0, 0.0, 60e3, 60e3])}
+    chamber = Chamber(torque=(2e-6,), joint_gain=0.2, cross_gain=0.1, axial_gain=40.0, name="blue")
+    whole = Extension(60.0, 2.0, 0.0, None, "whole")
+    places = [Station("mid", 0, 0.11), Station("tip", 1, 0.07)]
+    start = arm(links=2, space=Space(), stations=places, gravity=(0.0, 0.0, 9.81), extensions=(whole,),
+                chambers=[chamber], damping=3e-2)  # fmt: skip
+    truth = start.with_(memory=Memory(axial_creep_share=(1.5,), axial_creep_time=(3.2,)))
+    motion = pliant.simulate(truth, push["blue"], times=time, time_step=5e-3, check=False)
+    seen = motion.station_position.values + np.random.default_rng(1).normal(0, 1e-4, (time.size, 2, 3))
+    exp = Experiment("r", time, seen, ("mid", "tip"), "trace", drives=push)
+    result = fit([exp], start, ["stiffness", "axial_stiffness", "axial_creep_share_1", "axial_creep_time_1"],
+                 time_step=2e-2)  # fmt: skip
+    found = {p.name: p.value for p in result.parameters}
+    assert result.converged
+    assert found["axial_stiffness"] == pytest.approx(60.0, rel=0.01)
+    assert found["axial_creep_share_1"] == pytest.approx(1.5, rel=0.02)
+    assert found["axial_creep_time_1"] == pytest.approx(3.2, rel=0.02)  # (1 + 1.5) 3.2 s = 8 s
+    assert result.rmse["r"] < 1.5e-4 * np.sqrt(3)
 
 
 @pytest.mark.slow
