@@ -136,8 +136,9 @@ def test_where_the_laws_mean_nothing_they_are_refused() -> None:
         chain_model(length=0.1, mass=0.1, links=2, stiffness=1.0, damping=0.1, torque=[1e-6], memory=AXIAL)
     space = {"link_length": [0.1], "link_mass": [0.1], "stiffness": 1.0, "damping": 0.1, "torque": [1e-6],
              "space": Space()}  # fmt: skip
-    with pytest.raises(InputError, match="is in space, where segments have no hysteresis"):
-        Model(**space, extensions=(Extension(9.0),), memory=AXIAL)
+    with pytest.raises(InputError, match="has no segment that lengthens"):
+        Model(**space, memory=AXIAL)
+    assert Model(**space, extensions=(Extension(9.0),), memory=AXIAL).memory == AXIAL
     tied = Extension(9.0, stiffening=-1.0, stiffens_bending=True)
     assert Model(**space, extensions=(tied,)).extensions == (tied,)
     with pytest.raises(InputError, match="has stiffens_bending, which a planar model does not support"):

@@ -195,6 +195,40 @@ def test_a_motion_in_a_plane_is_filtered_as_the_planar_filter_does(memory):
 
 
 @pytest.mark.slow
+def test_segments_that_remember_are_filtered_as_the_planar_filter_does():
+    """Frames that disagree with the prediction: slip elements of the strain follow each correction, creep stays."""
+    memory = Memory(creep_share=(0.3,), creep_time=(0.1,), axial_creep_share=(1.3,), axial_creep_time=(0.2,),
+                    axial_slip_share=(0.4,), axial_slip_strain=(0.004,))  # fmt: skip
+    shared = {**BODY, "torque": (1.2e-6,), "axial_gain": 30.0, "memory": memory,
+              "extensions": (Extension(60.0, 0.2, 0.0, None, "whole"),)}  # fmt: skip
+    plane = chain_model(**shared, gravity=(0.3, -9.81))
+    space = chain_model(**shared, gravity=(0.0, 0.3, -9.81), space=True)
+    noise = Noise(torque=2e-3, random_walk=0.05, initial_disturbance=0.02)
+    flat, whole = (KalmanFilter(m, noise, time=0.0) for m in (plane, space))
+    chain = mechanics_of(plane)
+    rows = np.concatenate([np.array([0, 2, 4]) + k for k in (0, 5, 10)])
+    inner, turn = np.ix_(rows, rows), np.kron(np.diag([1.0, 1.0, 0.0]), chain.to_joints)
+    turn[6:, 6:] = np.eye(3)
+    whole.covariance[inner] = turn @ flat.covariance @ turn.T  # the planar filter starts from absolute angles
+    rng, across, up, slip = np.random.default_rng(2), rows_of(plane, plane.points), rows_of(space, space.points), []
+    for run in (flat, whole):
+        run.push_pressure(0.0, 7e4)
+    for f in range(1, 25):
+        x = np.append(flat.angle, flat.strain)
+        places = chain.stations(x)[0] + 1e-3 * rng.standard_normal((2, 2))
+        flat.push_frame(f * H, across, places.ravel(), np.full(4, 1e-7))
+        whole.push_frame(f * H, up, np.pad(places, ((0, 0), (1, 0))).ravel(), np.full(6, 1e-7))
+        np.testing.assert_allclose(whole.strain, flat.strain, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(whole.strain_rate, flat.strain_rate, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(whole.memory[[0, 2, 4]], flat.memory, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(whole.covariance[inner], turn @ flat.covariance @ turn.T, rtol=1e-7, atol=1e-12)
+        shifts = [run.state(f * H).strain_shift for run in (flat, whole)]
+        np.testing.assert_allclose(*shifts, rtol=0, atol=1e-10)
+        slip.append(flat.memory[2, 1])
+    assert np.ptp(slip) == pytest.approx(0.008)  # from limit to limit
+
+
+@pytest.mark.slow
 def test_errors_and_innovations_are_as_large_as_the_filter_says():
     ratios, innovations, smooth = [], [], []
     for seed in range(60):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from binding import Arm
-from target_models import in_space, longer, pulled, tied, twisting
+from target_models import EVERY_BRANCH, in_space, longer, pulled, tied, twisting
 
 import pliant
 from pliant.errors import InputError
@@ -80,6 +80,11 @@ def of_all_kinds() -> Model:
     return twisting(2).with_(chambers=inputs, memory=memory, name="all_kinds", **soft)
 
 
+def remembering() -> Model:
+    """Joints that twist and segments that lengthen, all with every branch of hysteresis; chambers and a tendon."""
+    return longer(2).with_(memory=replace(EVERY_BRANCH, axial_slip_strain=(0.002, 0.03)), name="remembering")
+
+
 @pytest.mark.slow  # compiles four texts of C
 @pytest.mark.parametrize("make", [twisting, of_all_kinds])
 def test_single_precision_follows_double(make, tmp_path):
@@ -99,6 +104,7 @@ def test_single_precision_follows_double(make, tmp_path):
     pytest.param(of_all_kinds, [60e3, 4e-3, 0.8], marks=pytest.mark.slow),
     pytest.param(longer, [40e3, 10e3, 4e-3], marks=pytest.mark.slow),
     pytest.param(tied, [40e3, 10e3, 4e-3], marks=pytest.mark.slow),
+    pytest.param(remembering, [40e3, 10e3, 4e-3], marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_c_takes_the_steps_of_the_stepper(tmp_path, make, levels):
     """Inputs that change; what the C says of its state."""
@@ -119,6 +125,10 @@ def test_c_takes_the_steps_of_the_stepper(tmp_path, make, levels):
     assert poses == pytest.approx(np.column_stack([places, angles]), abs=1e-13)
     assert arm.ask("tips", (model.n, 3))[0] == pytest.approx(stepper.tips(), abs=1e-13)
     assert arm.ask("joint_angles", (model.size,))[0] == pytest.approx(arm.angle, abs=0.0)
+    if model.memory.has_axial:
+        creep, _, slip, _ = np.abs(stepper.memory[-2:, :4]).T
+        assert creep.min() > 1e-3
+        assert slip.max() == pytest.approx(0.002)  # its limit
     energies = chain.energy(stepper.position, stepper.velocity)
     assert arm.ask("energy", (3,))[0] == pytest.approx(list(energies), abs=1e-13)
 

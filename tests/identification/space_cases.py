@@ -25,6 +25,8 @@ OF_MEMORY = {
     "creep_share_1": 0.2, "creep_time_1": 0.15, "slip_share_1": 0.3, "slip_angle_1": 0.02, "boucwen_share": 0.2,
     "boucwen_beta": 20.0, "boucwen_gamma": 9.0, "boucwen_exponent": 1.5,
 }  # fmt: skip
+OF_AXIAL_MEMORY = {"axial_creep_share_1": 1.3, "axial_creep_time_1": 0.2, "axial_slip_share_1": 0.4,
+                   "axial_slip_strain_1": 0.003}  # fmt: skip
 CORD = {"driven_by": "displacement", "lever": 8e-3, "line_stiffness": 2e3, "pretension": 0.5, "friction": 0.1,
         "slip_rate": 0.01}  # fmt: skip
 WOUND = {"driven_by": "angle", "pulley": 0.01, "lever": 8e-3, "line_stiffness": 2e3, "pair": True}

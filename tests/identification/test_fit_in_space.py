@@ -1,10 +1,13 @@
 """Fits of a chain in space: derivatives against differences, parameters found again from another's motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from space_cases import (
     AZIMUTHS,
     LINKS,
+    OF_AXIAL_MEMORY,
     OF_MEMORY,
     OF_SEGMENTS,
     OF_TENDONS,
@@ -22,7 +25,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit import fit
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
-from pliant.model import Space, Station
+from pliant.model import Chamber, Extension, Memory, Space, Station
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
 
@@ -42,23 +45,32 @@ EXCITED = {
              "drives": {n: Trace(TIME, (1e-7 if n in ("red", "cord") else 1.0) * t.pressure)
                         for n, t in {**TRACES, "cord": TRACES["red"]}.items()},
              "forces": (PointForce(np.zeros(1), np.array([[0.1, 0.0, 0.3]]), "mid"),)},
+    "held remembers": {"excitation": "release", "held": np.array([[0.01, -0.01, 0.19], [0.05, -0.03, 0.29]])},
     "forces": {"excitation": "trace", "drives": TRACES,
                "forces": (PointForce(np.array([0.0, 1.0]), np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.1]]), "tip"),)},
 }  # fmt: skip
+EXCITED["rich remembers"] = EXCITED["rich"]
 
 
 @pytest.mark.slow  # compiles the motion on dual numbers
 @pytest.mark.parametrize("kind", EXCITED)
 def test_derivatives_of_a_motion_in_space_are_those_of_differences(kind):
     exp, values, model = record(**EXCITED[kind]), dict(SOUND), arm()
-    if kind in ("release", "held"):
+    if kind in ("release", "held", "held remembers"):
         values |= {"release": 0.13, "release_time": 0.05} | ({"hold_force": 0.3} if kind == "release" else {})
         del values["start"]
-    if kind == "held":  # few joints, whose pose two points decide
+    if kind.startswith("held"):  # few joints, whose pose two points decide
         places = [Station("mid", 0, 0.11, 0.0, 0.01), Station("tip", 1, 0.07)]
         model = arm(links=2, space=Space(stiffness_ratio=1.2), stations=places)
         del values["twist_ratio"]
-    if kind == "rich":  # tendons, segments that lengthen and memory: one motion compiled for all
+    if kind == "held remembers":
+        whole = Extension(60.0, 0.4, 0.0, None, "whole")
+        model = model.with_(extensions=(whole,), chambers=[replace(c, axial_gain=30.0) for c in model.chambers])
+        values = {k: v for k, v in values.items() if k in ("stiffness", "damping", "release", "release_time", "start")}
+        values |= {"axial_stiffness": 55.0} | OF_MEMORY
+    if kind.endswith("remembers"):  # the segments
+        values |= OF_AXIAL_MEMORY
+    if kind.startswith("rich"):  # tendons, segments that lengthen and memory: one motion compiled for all
         model = rich_arm()
         values |= OF_TENDONS | OF_SEGMENTS | OF_MEMORY
         del values["red.torque_1"]
@@ -71,6 +83,45 @@ def test_derivatives_of_a_motion_in_space_are_those_of_differences(kind):
         up, down = (predict(model, exp, {**values, name: value + s * h}, STEP)["position"] for s in (1, -1))
         difference = (up - down) / (2 * h)
         assert np.abs(slope - difference).max() <= 2e-6 * np.abs(difference).max() + 1e-9, name
+        assert name not in OF_AXIAL_MEMORY or np.abs(difference).max() > 1e-5, name
+
+
+@pytest.mark.slow
+def test_a_pulled_body_whose_segment_slipped_begins_in_equilibrium():
+    """A hand holds the stretched slip elements of joints and segment too: nothing moves until it lets go."""
+    whole = Extension(60.0, 0.4, 0.0, None, "whole")
+    places = [Station("mid", 0, 0.11, 0.0, 0.01), Station("tip", 1, 0.07)]
+    model = arm(links=2, space=Space(stiffness_ratio=1.2), stations=places, extensions=(whole,))
+    held = record(**EXCITED["held remembers"])
+    values = {"release": 0.1, "release_time": 8.0, "slip_share_1": 0.3, "slip_angle_1": 0.02}
+    values |= {"axial_slip_share_1": 0.6, "axial_slip_strain_1": 0.004}
+    position = predict(model, held, values, STEP)["position"]
+    assert np.abs(position[TIME < 0.2] - position[0]).max() < 2e-5
+    assert np.abs(position - position[0]).max() > 2e-4  # 8 s of letting go have begun
+
+
+@pytest.mark.slow
+def test_the_slow_creep_of_a_fabric_arm_that_hangs_is_found_again():
+    """An arm that grows by a step of pressure for 24 s, its slow part larger than the fast one: time constant 8 s."""
+    time = np.arange(0.0, 24.0, 0.1)
+    push = {"blue": Trace([0.0, 1.0, 1.02, 24.0], [0.0, 0.0, 60e3, 60e3])}
+    chamber = Chamber(torque=(2e-6,), joint_gain=0.2, cross_gain=0.1, axial_gain=40.0, name="blue")
+    whole = Extension(60.0, 2.0, 0.0, None, "whole")
+    places = [Station("mid", 0, 0.11), Station("tip", 1, 0.07)]
+    start = arm(links=2, space=Space(), stations=places, gravity=(0.0, 0.0, 9.81), extensions=(whole,),
+                chambers=[chamber], damping=3e-2)  # fmt: skip
+    truth = start.with_(memory=Memory(axial_creep_share=(1.5,), axial_creep_time=(3.2,)))
+    motion = pliant.simulate(truth, push["blue"], times=time, time_step=5e-3, check=False)
+    seen = motion.station_position.values + np.random.default_rng(1).normal(0, 1e-4, (time.size, 2, 3))
+    exp = Experiment("r", time, seen, ("mid", "tip"), "trace", drives=push)
+    result = fit([exp], start, ["stiffness", "axial_stiffness", "axial_creep_share_1", "axial_creep_time_1"],
+                 time_step=2e-2)  # fmt: skip
+    found = {p.name: p.value for p in result.parameters}
+    assert result.converged
+    assert found["axial_stiffness"] == pytest.approx(60.0, rel=0.01)
+    assert found["axial_creep_share_1"] == pytest.approx(1.5, rel=0.02)
+    assert found["axial_creep_time_1"] == pytest.approx(3.2, rel=0.02)  # (1 + 1.5) 3.2 s = 8 s
+    assert result.rmse["r"] < 1.5e-4 * np.sqrt(3)
 
 
 @pytest.mark.slow

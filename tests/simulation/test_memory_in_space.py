@@ -67,6 +67,34 @@ def test_energy_balances_in_space_and_a_stepper_takes_the_same_steps():
     assert stepper.energy_gain < 2e-3
 
 
+@pytest.mark.slow  # compiles the step with memory of segments
+def test_segments_of_a_chain_that_hangs_creep_as_those_of_the_planar_chain():
+    """A load along the arm, then none; the states in the results, energies, and a stepper."""
+    memory = replace(ALL, axial_creep_share=(1.2,), axial_creep_time=(0.8,), axial_slip_share=(0.2,),
+                     axial_slip_strain=(0.004,))  # fmt: skip
+    halves = Extension(90.0, 0.5, 0.0, 0.15, "upper"), Extension(60.0, 0.5, 0.15, None, "lower")
+    push = Pulse(50e3, 0.05, 0.3)
+    flat, hung = (
+        chain_model(**BODY | {"axial_gain": 40.0}, gravity=gravity, memory=memory, extensions=halves, **more)
+        for gravity, more in (((0.3, 9.81), {}), ((0.0, 0.3, 9.81), {"space": Space()}))
+    )
+    times = np.linspace(0.0, 0.5, 51)
+    a, b = (simulate(m, push, times=times, time_step=1e-3) for m in (flat, hung))
+    assert np.abs(a.tip_position.values - b.tip_position.values[..., 1:]).max() < 1e-10
+    for name in ("axial_strain", "axial_memory_state", "axial_memory_force"):
+        assert b[name].dims == a[name].dims
+        np.testing.assert_allclose(b[name], a[name], rtol=0, atol=1e-9)
+    for name in ("memory_energy", "memory_dissipation"):
+        np.testing.assert_allclose(b[name], a[name], rtol=1e-8, atol=1e-13)
+    assert list(b.axial_memory.values) == ["creep_1", "slip_1"]
+    assert np.ptp(b.axial_memory_state.values[:, :, 1]) == pytest.approx(0.008, rel=0.02)  # it slipped both ways
+    assert max(b.attrs["energy_gain"], b.attrs["energy_loss"]) < 2e-3
+    stepper = Stepper(hung, 1e-3)
+    for time in np.arange(500) * 1e-3:
+        stepper.step(50e3 if 0.05 <= time < 0.35 else 0.0)
+    assert np.abs(stepper.memory[-2:, :2] - b.axial_memory_state.values[-1]).max() < 1e-3
+
+
 def walled(model):
     """The arm with a wall whose strain changes its bending stiffness, but not its creep."""
     wall = Extension(60.0, 0.05, stiffening=-1.0, cubic_stiffening=20.0, stiffens_bending=True)

@@ -27,6 +27,7 @@ from pliant.equations import (
     observation,
     poses,
     spatial,
+    spatial_extension_memory,
     spatial_memory,
     spatial_observation,
     spatial_points,
@@ -47,7 +48,7 @@ FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, spatial.st
 # Not inlined: they are so long that each caller would take as long to compile again.
 CALLED: set[Any] = {
     spatial_memory.step_with_memory, spatial_memory.add_friction, spatial_memory.gap, spatial_memory.move_friction,
-    poses.forces_after,
+    spatial_extension_memory.step_with_axial_memory, poses.forces_after,
 }
 SPATIAL: dict[Any, Any] = {  # planar kernels and the kernels which replace them for a chain in space
     motion.step: spatial.step, motion.acceleration: tendon.accelerate, elastic.follows: spatial_springs.follows,
@@ -61,6 +62,10 @@ SPATIAL: dict[Any, Any] = {  # planar kernels and the kernels which replace them
 AXIAL: dict[Any, Any] = {  # replacements of the kernels of joints if segments have hysteresis too
     memory.step_with_memory: extension_memory.step_with_axial_memory, memory.relax: extension_memory.relax_all,
     memory.follow_change: extension_memory.follow_all,
+}
+SPATIAL_AXIAL: dict[Any, Any] = {  # those of a chain in space
+    memory.step_with_memory: spatial_extension_memory.step_with_axial_memory,
+    memory.relax: spatial_extension_memory.relax_all, memory.follow_change: spatial_extension_memory.follow_all,
 }
 MOST_TURNS = 24  # coordinates of a step in space as straight-line code: 24 take 4 s to compile, 30 take 6 s
 
@@ -106,7 +111,9 @@ def dual_twin(
     from pliant.compiler.cache import part
     from pliant.compiler.duals import from_floats
 
-    sizes = (1, 0, 2, min(tendons, 1), 0) if turns > 1 else (links, segments, turns, 0, axial)  # loops fit any size
+    sizes: tuple[Any, ...] = (links, segments, turns, 0, axial)
+    if turns > 1:  # loops fit any size
+        sizes = 1, 0, 2, min(tendons, 1), axial & trace.REMEMBERS
     return from_floats(part(made(kernel, "_duals", *sizes)))
 
 
@@ -204,7 +211,8 @@ def substitutes(
         made[observation.observe_rows] = rows_twin(space=turns > 1)
     if turns > 1:
         sizes = links, segments, turns, tendons, axial
-        return made | {planar: spatial_twin(own, sizes, loops) for planar, own in SPATIAL.items() if planar in found}
+        kernels = SPATIAL | (SPATIAL_AXIAL if axial & trace.REMEMBERS else {})
+        return made | {planar: spatial_twin(own, sizes, loops) for planar, own in kernels.items() if planar in found}
     if motion.step in found:
         made[motion.step] = extensible_step(links, segments, axial) if segments else fast_step(links)
     if energy.add_step_work in found and links + segments <= STRAIGHT_LINKS:
@@ -244,8 +252,10 @@ def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int, int], loops: bool
     lines = not loops and sizes[0] * sizes[2] + sizes[1] <= MOST_TURNS
     if kernel is spatial.step:
         return spatial_step(*sizes, lines=lines)
-    remembering: Any = spatial_memory.step_with_memory
-    if kernel is not remembering or not (lines or sizes[3]):
+    remembering: tuple[Any, ...] = (
+        spatial_memory.step_with_memory, spatial_extension_memory.step_with_axial_memory,
+    )
+    if kernel not in remembering or not (lines or sizes[3]):
         return twin(kernel)
     steps: dict[Any, Any] = {spatial.step: spatial_step(*sizes, lines=lines, remembers=True)}
     return compiled_twin(

@@ -235,6 +235,7 @@ def spatial_arguments(
     Each joint has 2 or 3 angles (`turns`).
     """
     size, curved = n * turns + segments, segments * bool(axial & CURVED)
+    rows = remembers * (n * turns + segments * bool(axial & REMEMBERS))
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -250,7 +251,7 @@ def spatial_arguments(
         ),
         "joints": SpatialJoints(
             0.0, zeros(size), zeros(size), zeros(size), zeros(ROWS, n * turns + curved), zeros(n),
-            zeros(n * turns * remembers, 3), zeros(n, curved),
+            zeros(rows, 3), zeros(n, curved),
         ),
         "work": spatial_workspace(n, turns, segments, tendons),
     }

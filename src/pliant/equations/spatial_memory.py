@@ -93,22 +93,27 @@ def write_lines(h, joints, past):
 
     Row i of held.line (m, 3) is: offset [rad], slope by coordinate i, slope by the other coordinate of the same swing.
     """
-    held = past.held
-    memory = past.memory
     m = past.state.shape[0]
     n = len(joints.unloaded)
     for i in range(m):
-        held.line[i, 0] = 0.0 * held.x[i]
-        held.line[i, 1] = 0.0 * held.x[i]
-        held.line[i, 2] = 0.0 * held.x[i]
-        for j in range(len(memory.creep_share)):
-            part = memory.creep_share[j] / (1.0 + 0.5 * h / memory.creep_time[j])
-            held.line[i, 0] = held.line[i, 0] - part * past.state[i, j]
-            held.line[i, 1] = held.line[i, 1] + part
+        write_creep_line(i, h, past)
     for i in range(0, 2 * n, 2):
         add_friction(i, i + 1, ratio_of(i, joints), past)
     for i in range(2 * n, m):
         add_friction(i, i, 0.0 * joints.K[i], past)
+
+
+def write_creep_line(i, h, past):
+    """Write the creep part of row i of held.line in a step of h [s]."""
+    held = past.held
+    memory = past.memory
+    held.line[i, 0] = 0.0 * held.x[i]
+    held.line[i, 1] = 0.0 * held.x[i]
+    held.line[i, 2] = 0.0 * held.x[i]
+    for j in range(len(memory.creep_share)):
+        part = memory.creep_share[j] / (1.0 + 0.5 * h / memory.creep_time[j])
+        held.line[i, 0] = held.line[i, 0] - part * past.state[i, j]
+        held.line[i, 1] = held.line[i, 1] + part
 
 
 def add_friction(i, k, ratio, past):
@@ -269,24 +274,28 @@ def remember(h, joints, past):
 
     Each term of the energy is a square or a product of equal signs, and therefore not negative.
     """
-    held = past.held
-    memory = past.memory
     m = past.state.shape[0]
     n = len(joints.unloaded)
-    lost = 0.0 * held.x[0]
-    for j in range(len(memory.creep_share)):
-        ratio = 0.5 * h / memory.creep_time[j]
-        part = 1.0 / (1.0 + ratio)
+    lost = 0.0 * past.held.x[0]
+    for j in range(len(past.memory.creep_share)):
         for i in range(m):
-            left = (held.x[i] + 0.5 * held.dq[i] - past.state[i, j]) * part
-            moved = 2.0 * ratio * left
-            lost = lost + joints.K[i] * memory.creep_share[j] * left * moved
-            past.state[i, j] = past.state[i, j] + moved
+            lost = lost + joints.K[i] * move_creep(i, j, h, past)
     for i in range(0, 2 * n, 2):
         lost = lost + joints.K[i] * move_friction(i, i + 1, ratio_of(i, joints), past)
     for i in range(2 * n, m):
         lost = lost + joints.K[i] * move_friction(i, i, 0.0 * joints.K[i], past)
     return lost
+
+
+def move_creep(i, j, h, past):
+    """Update creep branch j of coordinate i after a step of h [s], and return the dissipated energy divided by K_i."""
+    held = past.held
+    memory = past.memory
+    ratio = 0.5 * h / memory.creep_time[j]
+    left = (held.x[i] + 0.5 * held.dq[i] - past.state[i, j]) * (1.0 / (1.0 + ratio))
+    moved = 2.0 * ratio * left
+    past.state[i, j] = past.state[i, j] + moved
+    return memory.creep_share[j] * left * moved
 
 
 def move_friction(i, k, ratio, past):

@@ -269,7 +269,7 @@ class ExtensibleHeld(NamedTuple):
 
 class SpatialHeld(NamedTuple):
     """Scratch arrays of one time step with hysteresis of a chain in space, in which m of the N coordinates have
-    hysteresis states.
+    hysteresis states: the joint angles or, where segments remember, all.
     """
 
     x: np.ndarray  # (N,) rad, at the start

@@ -1,7 +1,8 @@
 """C functions of an exported model whose segments lengthen, or of a model in space.
 
 The module `c_functions` does this for planar models of fixed length. The kernels of planar bodies that lengthen are
-those of `equations.extension`, and of `equations.extension_memory` where segments have hysteresis.
+those of `equations.extension`, and of `equations.extension_memory` where segments have hysteresis; in space
+`equations.spatial_extension_memory`.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import Any
 
 from pliant.compiler.c import CWriter
 from pliant.compiler.c_values import Real
-from pliant.compiler.choose import AXIAL, SPATIAL
+from pliant.compiler.choose import AXIAL, SPATIAL, SPATIAL_AXIAL
 from pliant.equations import (
     energy,
     extension,
@@ -85,7 +86,7 @@ class SpatialText(Text):
     @property
     def instead(self) -> dict[Any, Any]:
         pulled = dict.fromkeys((motion.step, spatial.step), tendon.step) if self.model.actuation.tendons else {}
-        return SPATIAL | pulled
+        return SPATIAL | (SPATIAL_AXIAL if self.model.memory.has_axial else {}) | pulled
 
     def update(self) -> str:
         """Return the source of the C function that computes springs, inertia and rest frames from the parameters."""

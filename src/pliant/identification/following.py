@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from pliant.compiler.choose import dual_twin, twin
-from pliant.equations import spatial_memory
-from pliant.equations.symbols import ExtensibleHeld, MemoryLaw, Past
+from pliant.equations.memory import follow_change
+from pliant.equations.symbols import ExtensibleHeld, Past
 from pliant.identification import follow_loops
 from pliant.identification.follow_loops import Before, Course, Seen
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
@@ -124,9 +124,9 @@ def initial_hysteresis_in_space(forward: ForwardProblem, numbers: Numbers, kind:
     unloaded to its held pose.
     """
     held = hysteresis_workspace(forward, numbers.joints, kind)
-    held.dq[:] = numbers.phi[: len(held.dq)]
-    law = MemoryLaw(*numbers.memory)._replace(boucwen_share=kind.of(0.0))
-    kind.twin(spatial_memory.remember, None)(kind.of(0.0), numbers.joints, Past(law, states, held))
+    past = Past(numbers.memory._replace(boucwen_share=kind.of(0.0)), states, held)
+    straight: Array = kind.of(np.zeros(forward.model.size))
+    kind.twin(follow_change, *mechanics_of(forward.model).sizes)(straight, numbers.phi, numbers.joints, past)
     return states
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pliant.equations.symbols import MemoryLaw
 from pliant.identification.drives import inputs_to
 from pliant.identification.following import REAL, initial_hysteresis
 from pliant.identification.held_pose import beyond_reach, chain_of, pose_through
@@ -22,6 +23,7 @@ from pliant.simulation import Pulse, equilibrium
 from pliant.simulation.drive import Drive, driven, laid_out
 from pliant.simulation.drive import drive as drive_of
 from pliant.simulation.forces import loads_at, mean_loads
+from pliant.simulation.memory import laws_of
 
 if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
@@ -154,13 +156,21 @@ def holding_torques(forward: ForwardProblem, loads: Array) -> Array:
     gravity and the link loads `loads`.
     """
     numbers = forward.numbers
-    stretched = initial_hysteresis(forward, numbers, REAL)[:, len(numbers.memory.creep_time) :]
-    rows, share = len(stretched), numbers.memory.slip_share
-    slip = numbers.joints.K[:rows] * (stretched[:, : share.size] @ share)
+    states, laws = initial_hysteresis(forward, numbers, REAL), laws_of(forward.model)
+    rows = len(laws)
+    slip = numbers.joints.K[:rows] * [slip_part(row, law) for row, law in zip(states, laws, strict=True)]
     chain = mechanics_of(forward.model).with_constants(numbers.body, numbers.joints)
     drive = np.append(-slip, np.zeros(forward.model.size + len(forward.model.actuation.levers) - rows))
     push = chain.static_forces(numbers.phi, drive) + chain.load_forces(numbers.phi, loads)
     return np.asarray(-chain.from_joints.T @ push)
+
+
+def slip_part(states: Array, law: MemoryLaw) -> float:
+    """Return the torque of the slip elements of one coordinate, divided by its stiffness, from its `states`
+    (branches,).
+    """
+    first = len(law.creep_share)
+    return float(states[first : first + law.slip_share.size] @ law.slip_share)
 
 
 def held_angles(model_at: ModelAt, exp: Experiment, params: Mapping[str, float], plans: Plans) -> Array:

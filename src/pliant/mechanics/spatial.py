@@ -180,12 +180,12 @@ class SpatialChain(Mechanics):
 
     @cached_property
     def stuck_stiffness(self) -> Array:
-        turns, share = self.turns, self.model.memory.instantaneous
-        return np.append(self.joints.K[:turns] * share, np.zeros(self.size - turns))
+        K, turns, memory = self.joints.K, self.turns, self.model.memory
+        return np.append(K[:turns] * memory.instantaneous, K[turns:] * memory.axial.instantaneous)
 
     @property
     def remembering(self) -> int:
-        return self.turns
+        return self.size if self.model.memory.has_axial else self.turns
 
     def held(self) -> SpatialHeld:
         size, m = self.size, self.remembering

@@ -110,17 +110,13 @@ def check_extensions(model: ModelParameters) -> None:
 
 
 def check_laws(model: ModelParameters) -> None:
-    """Raise InputError for axial hysteresis in a model without extensible segments or in space, and for a segment of a
-    planar model whose strain changes the bending stiffness.
+    """Raise InputError for axial hysteresis in a model without extensible segments, and for a segment of a planar model
+    whose strain changes the bending stiffness.
     """
     if model.memory.has_axial and len(model.extensions) == 0:
         raise InputError(
             f"memory axial_*: {model.name!r} has no segment that lengthens: leave these branches out, or give it "
             "extensions"
-        )
-    if model.memory.has_axial and model.space:
-        raise InputError(
-            f"memory axial_*: {model.name!r} is in space, where segments have no hysteresis: leave these branches out"
         )
     if not model.space and (tied := [e.name for e in model.extensions if e.stiffens_bending]):
         raise InputError(

@@ -203,7 +203,7 @@ def of_records(kernel, body, joints, workspace, law=MemoryLaw):
     scope = {**kernel.__globals__, "Body": body, "Joints": joints, "Workspace": workspace, "MemoryLaw": law}
     if joints is SpatialJoints:
         scope["Held"] = SpatialHeld
-    if law is AxialMemoryLaw:
+    elif law is AxialMemoryLaw:
         scope["Held"] = ExtensibleHeld
     name = f"{kernel.__name__}_{body.__name__}{'_axial' * (law is AxialMemoryLaw)}"
     copy = FunctionType(kernel.__code__, scope, name, kernel.__defaults__)
