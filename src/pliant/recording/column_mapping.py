@@ -12,11 +12,50 @@ from pliant.recording.mapping import FileMapping
 Column = int | str
 
 
+class EulerColumns(FileMapping):
+    """Columns of the three Euler angles of a station, in the order of the rotations, with their unit.
+
+    `order` names the axes: lower case, such as "xyz", for rotations about fixed axes, upper case, such as "ZYX" (yaw,
+    pitch, roll), for rotations about the body's own axes.
+    """
+
+    columns: list[Column] = Field(min_length=3, max_length=3)
+    order: str = Field(pattern="^([xyz]{3}|[XYZ]{3})$")
+    unit: Literal["deg", "rad"]
+
+    @field_validator("order")
+    @classmethod
+    def _turns(cls, value: str) -> str:
+        if value[0] == value[1] or value[1] == value[2]:
+            raise ValueError(f"{value!r} turns twice about one axis in a row: name three rotations, such as 'ZYX'")
+        return value
+
+
 class StationColumns(FileMapping):
-    """Columns of one station in a table: its position x, y, z (or x, y) and, optionally, its quaternion x, y, z, w."""
+    """Columns of one station in a table: its position x, y, z (or x, y) and, optionally, its orientation, as a
+    quaternion x, y, z, w or as Euler angles.
+
+    With `status`, rows in which this column holds none of the words `valid` are gaps of the station.
+    """
 
     position: list[Column] = Field(min_length=2, max_length=3)
     quaternion: list[Column] | None = Field(default=None, min_length=4, max_length=4)
+    euler: EulerColumns | None = None
+    status: Column | None = None
+    valid: list[str | float] = ["OK"]
+
+    @field_validator("euler", mode="before")
+    @classmethod
+    def _as_table(cls, value: Any) -> Any:
+        if value is not None and not hasattr(value, "items") and not isinstance(value, EulerColumns):
+            raise ValueError('write a table, such as { columns = ["yaw", "pitch", "roll"], order = "ZYX", unit = "deg" }')
+        return value
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Self:
+        if self.quaternion is not None and self.euler is not None:
+            raise ValueError("give either quaternion or euler, not both")
+        return self
 
 
 class Points(FileMapping):
@@ -28,29 +67,40 @@ class Points(FileMapping):
 
 
 class PressureColumns(FileMapping):
-    """Columns of a table that hold gauge pressure, with their unit and the names of the chambers."""
+    """Columns of a table that hold gauge pressure, with their unit and the names of the chambers.
+
+    Raw counts become pressures by (counts - `zero`) * `scale`, in `unit`; one number, or one for each column.
+    """
 
     columns: list[Column] = Field(min_length=1)
     unit: str
     chamber: list[str] | None = None
+    scale: float | list[float] = 1.0
+    zero: float | list[float] = 0.0
 
 
 class InputColumns(FileMapping):
     """Columns of a table that hold actuation inputs other than pressure: their kind (tension, displacement or angle),
     unit and names.
+
+    Steps or counts become values by (counts - `zero`) * `scale`, in `unit`; one number, or one for each column.
     """
 
     columns: list[Column] = Field(min_length=1)
     kind: Literal["tension", "displacement", "angle"]
     unit: str
     names: list[str] | None = None
+    scale: float | list[float] = 1.0
+    zero: float | list[float] = 0.0
 
 
 class Select(FileMapping):
-    """Filter that keeps the table rows in which `column` equals `value`, such as one trial of several."""
+    """Filter that keeps the table rows in which `column` equals `value`, a number or a text, such as one trial of
+    several.
+    """
 
     column: Column
-    value: float
+    value: float | str
 
 
 class ColumnMapping(FileMapping):
@@ -59,14 +109,20 @@ class ColumnMapping(FileMapping):
 
     Attributes
     ----------
-    delimiter : str
-        One character, or ``"space"`` for any white space.
-    header : bool
-        Whether the first row holds the names of the columns.
+    delimiter : str, optional
+        One character, or ``"space"`` for any white space. Default: the first of ``; tab | ,`` in the first row, or
+        white space.
+    header : bool, optional
+        Whether the first row holds the names of the columns. Default: whether it holds texts and no number.
     skip_lines : int
         Lines before the table.
-    time : column, optional
-        Column of time in `time_unit`; without it `rate_hz` is needed.
+    time : column or two columns, optional
+        Column of time in `time_unit`, or a column of seconds and one of their fraction in `time_unit`. Times of day,
+        such as 10:11:12.5, are read as they are. Without it `rate_hz` is needed.
+    input_time : column, optional
+        Column of the times of pressure and inputs, where they have a clock of their own in the table.
+    na : list of str or float
+        Marks of missing values, beside empty cells and NaN.
     rate_hz : float, optional
         Frame rate of a table without a time column.
     length_unit : str
@@ -91,11 +147,13 @@ class ColumnMapping(FileMapping):
         Rows to keep after `select`, counted from 0, the last excluded.
     """
 
-    delimiter: str = ","
-    header: bool = False
+    delimiter: str | None = None
+    header: bool | None = None
     skip_lines: int = Field(default=0, ge=0)
-    time: Column | None = None
-    time_unit: Literal["s", "ms", "us"] = "s"
+    time: Column | tuple[Column, Column] | None = None
+    input_time: Column | None = None
+    na: list[str | float] = []
+    time_unit: Literal["s", "ms", "us", "ns"] = "s"
     rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     length_unit: str = ""
     camera: Camera | None = None
@@ -128,6 +186,6 @@ class ColumnMapping(FileMapping):
             raise ValueError("angles cannot be combined with stations or points, and need angle_unit, 'deg' or 'rad'")
         if placed and bool(self.length_unit) == (self.camera is not None):
             raise ValueError("positions need length_unit, such as 'mm', or camera where they are in pixels, not both")
-        if self.delimiter != "space" and len(self.delimiter) != 1:
+        if self.delimiter not in (None, "space") and len(self.delimiter or "") != 1:
             raise ValueError('delimiter is one character, or "space" for any white space')
         return self

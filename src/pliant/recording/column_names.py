@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
 
 from pliant.errors import InputError, shown
@@ -16,6 +16,9 @@ UNITS = (SECONDS, RADIAN, PASCAL)
 PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNORECASE)
 BEFORE = re.compile(r"([xyz])[_ .:](.+)", re.IGNORECASE)  # x_tip
 BEHIND = re.compile(r"(.+?)[_ .:]([xyz])", re.IGNORECASE)  # tip_x
+ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
+TURN = re.compile(r"(?:(.+?)[_ .:])?(?:q|quat(?:ernion)?|rot(?:ation)?|orientation)[_ .]?([xyzw])", re.IGNORECASE)
+BODY = "body"  # name of a single tracked body, where the names of its columns hold none
 BRACKETED = re.compile(r"(.+?)[\s_]*[\[(]\s*([^\[\]()]+?)\s*[\])]")  # tip_x [mm]
 ENDING = re.compile(r"(.+)[_ ]([A-Za-z]+)")  # tip_x_mm
 OTHERS = re.compile(r"f|force|a|acc\w*|gyro\w*|mag\w*|v|vel\w*|torque|moment|rot\w*|angle|q", re.IGNORECASE)
@@ -48,12 +51,14 @@ def standard_names(names: list[str], file: str) -> Renamed:
     positions = {name: found for name in names if (found := _position(name))}
     if any(BEFORE.fullmatch(name) for name in names):  # where x_tip is a position, acc_x is not
         positions = {name: found for name, found in positions.items() if BEFORE.fullmatch(name)}
+    positions = _one_body(names, positions) or positions
     units = {unit for _, unit in positions.values()}
     if len(units) > 1:
         stated = ", ".join(sorted(unit or "no unit" for unit in units))
         raise InputError(f"{file} states several units of length in its column names ({stated}): convert the "
                          "columns to one unit")
     standard = {name: found[0] for name, found in positions.items()}
+    standard |= _orientations(names, {new.partition("_")[2] for new in standard.values()})
     standard |= {name: other for name in names if name not in standard and (other := _clock(name) or _pressure(name))}
     standard |= _channels([name for name in names if name not in standard], [*standard.values()])
     owners = Counter([*names, *(new for old, new in standard.items() if old != new)])
@@ -95,11 +100,34 @@ def _position(name: str) -> tuple[str, str] | None:
     return None
 
 
+def _one_body(names: Iterable[str], others: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+    """Return the standard names and units of the coordinates of a single body whose column names hold no name of it,
+    such as ``x``, ``pos_y`` or ``tz [mm]``; empty where there are other positions, or not one of each coordinate.
+    """
+    parts = {name: _without_unit(name, METRE) for name in names}
+    bare = {name: (match[1].lower(), unit) for name, (word, unit) in parts.items()
+            if (match := ONE_BODY.fullmatch(word))}  # fmt: skip
+    axes = sorted(axis for axis, _ in bare.values())
+    if axes not in (["x", "y"], ["x", "y", "z"]) or set(others) - set(bare):
+        return {}
+    return {name: (f"{axis}_{BODY}", unit) for name, (axis, unit) in bare.items()}
+
+
+def _orientations(names: Iterable[str], stations: Collection[str]) -> dict[str, str]:
+    """Return the standard names of the columns of quaternions, such as ``tip_qx`` or ``quat_w``, of stations of which
+    the table has all four.
+    """
+    turns = {name: (match[1] or BODY, match[2].lower()) for name in names if (match := TURN.fullmatch(name))}
+    count = Counter(station for station, _ in turns.values())
+    return {name: f"q{axis}_{station}" for name, (station, axis) in turns.items()
+            if station in stations and count[station] == 4 and not name.startswith(f"q{axis}_")}  # fmt: skip
+
+
 def _clock(name: str) -> str | None:
     unit = parted(name)[1]
     if not is_time(name) or unit not in ("", *SECONDS):
         return None
-    return f"t_{unit}" if unit in ("ms", "us") else "t"
+    return f"t_{unit}" if unit not in ("", "s") else "t"
 
 
 def _pressure(name: str) -> str | None:

@@ -20,14 +20,25 @@ import numpy as np
 
 from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
-from pliant.recording.clock import unwrapped, without_repeats
+from pliant.recording.cells import cells_of, is_one_of, with_seconds, without_marks, without_trailing
+from pliant.recording.clock import SECONDS, unwrapped, without_repeats
+from pliant.recording.column_arrays import calibrated, input_arrays, pressure_arrays, station_arrays
 from pliant.recording.column_mapping import Column, ColumnMapping, StationColumns
 from pliant.recording.mapping import shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
-from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells, without_text
-from pliant.units import metre_per, newton_per, pascal_per, radian_per
+from pliant.recording.tables import (
+    DELIMITERS,
+    count_cells,
+    holds_number,
+    judge_end,
+    parse_numbers,
+    read_text,
+    split_cells,
+    without_text,
+)
+from pliant.units import radian_per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -58,7 +69,7 @@ class ColumnHeader:
         if isinstance(column, str):
             held = self.where.get(column, [])
             if not held:
-                available = shorten(self.names, 40) or "none: header is false, so columns are given by index"
+                available = shorten(self.names, 40) or "none, since its first row holds numbers: use indices from 0"
                 raise InputError(f"{self.file} has no column {clipped(column)!r}: correct the mapping; available: "
                                  f"{available}")
             if len(held) > 1:
@@ -79,34 +90,37 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
             "stations or points)"
         )
     options = ColumnMapping.load(mapping, path.name)
-    header, table, findings = _table(path, options)
+    header, table, texts, findings = _table(path, options)
     history = [*findings, *_unused(header, options, table)]
-    table, kept = _rows(table, header, options)
-    time, wrapped = _time(table, header, options)
-    history += [*kept, *wrapped]
+    table, kept = _rows(_valid(table, texts, header, options, history), texts, header, options)
+    history += kept
     whole = bool(options.stations) or options.points is not None
-    if options.time is not None or not whole:
-        keep, more = without_repeats(time, path.name, table[:, sorted(_used(header, options))] if whole else None)
-        time, table, history = time[keep], table[keep], [*history, *more]
-        if len(same := np.flatnonzero(np.diff(time) == 0)):
-            raise InputError(f"{path.name}: time must increase strictly, but {len(same)} pair(s) of rows have the "
-                             f"same time and different values, the first {time[same[0]]:.6g} s: write the times with "
-                             "all digits, or keep one run by rows = [first, last] in the mapping")  # fmt: skip
+    time, shape, more = _timed(table, options.time, header, options, whole=whole)
+    history += more
+    if options.input_time is None:
+        input_time, inputs = time, shape
+    else:
+        input_time, inputs, more = _timed(table, options.input_time, header, options, whole=False)
+        history += more
     if whole:
-        arrays, more = _stations(table, header, options)
+        arrays, more = station_arrays(shape, header, _layout(options, header), options)
         if options.camera is not None:
             arrays["position"], how = in_plane(arrays["position"], options.camera, path.parent)
             more.append(how)
     else:
-        arrays, more = _turning(table, header, options) if options.angles else ({}, [])
+        arrays, more = _turning(shape, header, options) if options.angles else ({}, [])
+    history += filter(None, map(calibrated, [options.pressure, *options.inputs]))
     with inside(path.name):
         return make_recording(
-            time if arrays else None, pressure_time=time, input_time=time, history=[*history, *more],
-            **arrays, **_pressure(table, header, options), **_inputs(table, header, options),
+            time if arrays else None, pressure_time=input_time, input_time=input_time, history=[*history, *more],
+            **arrays, **pressure_arrays(inputs, header, options.pressure), **input_arrays(inputs, header, options),
         )  # fmt: skip
 
 
-def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, list[str]]:
+def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, dict[int, NDArray], list[str]]:
+    """Return the header of a table, its numbers (R, K) with NaN for texts, the texts (R,) of the columns that the
+    mapping uses as texts, and sentences for the history.
+    """
     lines = read_text(path).split("\n")
     first = options.skip_lines
     while first < len(lines) and (not lines[first].strip() or lines[first].startswith("#")):
@@ -114,25 +128,101 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, l
     if first >= len(lines):
         raise InputError(f"{path.name} has no table row after its first {options.skip_lines} line(s): reduce "
                          "skip_lines in the mapping")
-    delimiter = None if options.delimiter == "space" else options.delimiter
-    cells = split_cells(lines[first], delimiter)
-    body = first + 1 if options.header else first
-    rows, findings = judge_end(lines[body:], delimiter, path.name)
-    header = ColumnHeader(cells if options.header else [], len(cells), path.name)
-    if options.header:
-        rows = without_text(rows, delimiter, _used(header, options), header.width)
-    table = parse_numbers(rows, name=path.name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
-    return header, table, findings
+    delimiter, name = delimiter_of(lines[first], options), path.name
+    cells, findings = split_cells(lines[first], delimiter), []
+    named = header_of(cells, options, f"line {first + 1}, cell 1 of {name}")
+    body = first + 1 if named else first
+    rows = lines[body:]
+    if named:
+        if cells[-1] == "" and count_cells(next(filter(str.strip, rows), ""), delimiter) == len(cells) - 1:
+            cells.pop()
+        rows, findings = without_trailing(rows, delimiter, len(cells), name)
+    rows, cut = judge_end(rows, delimiter, name)
+    header = ColumnHeader(cells if named else [], len(cells), name)
+    worded, used = _worded(header, options), _used(header, options)
+    texts = cells_of(rows, delimiter, worded) if worded else {}
+    if options.na:
+        rows, marked = without_marks(rows, delimiter, used - worded, options.na, name)
+        findings += marked
+    for column in {header.index(c) for c in (*_clocks(options), options.input_time) if c is not None}:
+        rows, clock = with_seconds(rows, delimiter, column, name)
+        findings += clock
+    rows = without_text(rows, delimiter, used - worded, header.width, header=named, words=worded)
+    table = parse_numbers(rows, name=name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
+    return header, table, texts, [*findings, *cut]
+
+
+def delimiter_of(line: str, options: ColumnMapping) -> str | None:
+    """Return the delimiter of a table from its mapping or else from its first row; None for white space."""
+    if options.delimiter is not None:
+        return None if options.delimiter == "space" else options.delimiter
+    return next((one for one in DELIMITERS if one in line), None)
+
+
+def header_of(cells: list[str], options: ColumnMapping, where: str) -> bool:
+    """Return whether the cells of the first row of a table are names of columns, as its mapping states; otherwise
+    whether none of them holds a number.
+
+    Raises
+    ------
+    InputError
+        When the mapping states that the row holds numbers, and it holds none.
+    """
+    filled = [cell for cell in cells if cell]
+    words = bool(filled) and not any(map(holds_number, filled))
+    if options.header is False and words:
+        raise InputError(f"{where} is not a number: {clipped(cells[0])!r}; the row seems to hold names: remove "
+                         "header = false from the mapping")
+    return words if options.header is None else options.header
+
+
+def _clocks(options: ColumnMapping) -> tuple[Column, ...]:
+    """Return the columns of the time of the shape: none, one, or that of the seconds and that of their fraction."""
+    if options.time is None:
+        return ()
+    return options.time if isinstance(options.time, tuple) else (options.time,)
+
+
+def _worded(header: ColumnHeader, options: ColumnMapping) -> set[int]:
+    """Return the indices of the columns whose texts the mapping uses: the status of stations, and a text to select."""
+    columns = [one.status for one in (options.stations or {}).values() if one.status is not None]
+    if options.select is not None and isinstance(options.select.value, str):
+        columns.append(options.select.column)
+    return {header.index(column) for column in columns}
+
+
+def _valid(
+    table: NDArray, texts: Mapping[int, NDArray], header: ColumnHeader, options: ColumnMapping, history: list[str]
+) -> NDArray:
+    """Return the numbers (R, K) of a table with gaps where the status of a station is not valid, and add a sentence to
+    `history` for each such station.
+    """
+    table = table.copy()
+    for name, station in (options.stations or {}).items():
+        if station.status is None:
+            continue
+        words = texts[header.index(station.status)]
+        lost = ~is_one_of(words, station.valid)
+        if lost.all():
+            raise InputError(f"{header.file}: no row has {shorten(station.valid)} in the status of {clipped(name)}, "
+                             f"which holds {shorten(sorted(set(words)), 6)}: correct valid in the mapping")
+        columns = [*station.position, *(station.quaternion or []), *(station.euler.columns if station.euler else [])]
+        table[np.ix_(lost, [header.index(c) for c in columns])] = np.nan
+        others = shorten(sorted(set(words[lost])), 6)
+        history += [f"{int(lost.sum())} frame(s) of {name} are gaps by their status: {others}"] if lost.any() else []
+    return table
 
 
 def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
     """Return the indices of the columns that the mapping uses."""
-    wanted: list[Column | None] = [options.time, options.select.column if options.select else None]
+    wanted: list[Column | None] = [*_clocks(options), options.input_time]
+    wanted += [options.select.column] if options.select else []
     wanted += options.pressure.columns if options.pressure else []
     wanted += [column for group in options.inputs for column in group.columns]
     wanted += list((options.angles or {}).values())
     for station in _layout(options, header).values():
-        wanted += [*station.position, *(station.quaternion or [])]
+        wanted += [*station.position, *(station.quaternion or []), *(station.euler.columns if station.euler else [])]
+        wanted.append(station.status)
     return {header.index(column) for column in wanted if column is not None}
 
 
@@ -163,36 +253,88 @@ def changing_columns(columns: Mapping[Any, NDArray], file: str) -> list[str]:
     return [f"{CHANGING} of {file} {verb} during the recording: {shorten(moving)}"] if moving else []
 
 
-def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[NDArray, list[str]]:
+def _rows(
+    table: NDArray, texts: Mapping[int, NDArray], header: ColumnHeader, options: ColumnMapping
+) -> tuple[NDArray, list[str]]:
     history, file = [], header.file
     if options.select is not None:
-        values = table[:, header.index(options.select.column)]
-        keep = values == options.select.value
+        column, value = options.select.column, options.select.value
+        worded = isinstance(value, str)
+        values = texts[header.index(column)] if worded else table[:, header.index(column)]
+        keep = values == value
         if not keep.any():
-            found = ", ".join(f"{v:g}" for v in np.unique(values[np.isfinite(values)])[:20])
-            raise InputError(f"no row of {file} has {options.select.value:g} in column {options.select.column!r}: "
-                             f"correct select in the mapping; the column holds {found}")  # fmt: skip
-        history.append(f"kept {int(keep.sum())} of {len(table)} rows: {options.select.column} = "
-                       f"{options.select.value:g}")  # fmt: skip
+            held = shorten(sorted(set(values))) if worded else \
+                ", ".join(f"{v:g}" for v in np.unique(values[np.isfinite(values)])[:20])
+            raise InputError(f"no row of {file} has {_word(value)} in column {column!r}: correct select in the mapping;"
+                             f" the column holds {held}")  # fmt: skip
+        history.append(f"kept {int(keep.sum())} of {len(table)} rows: {column} = {_word(value)}")
         table = table[keep]
     if options.rows is not None:
-        first, last = options.rows
-        if not 0 <= first < last <= len(table):
-            raise InputError(f"rows = [{first}, {last}] of the mapping is not within the {len(table)} rows of "
-                             f"{file}: correct rows")
-        history.append(f"kept rows {first} to {last - 1} of {len(table)}")
-        if last == len(table) - 1:
-            history.append(f"{WARNING}rows = [{first}, {last}] leaves out the last row of {file}: the second number is "
-                           f"the first row that is not read, {len(table)} for all")  # fmt: skip
-        table = table[first:last]
+        table, kept = kept_rows(table, options.rows, file)
+        history += kept
     return table, history
 
 
-def _time(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[NDArray, list[str]]:
-    if options.time is None:
+def kept_rows(table: NDArray, rows: tuple[int, int], file: str) -> tuple[NDArray, list[str]]:
+    """Return the rows of a table (R, K) from the first number up to the second, excluded, and sentences for the
+    history.
+    """
+    first, last = rows
+    if not 0 <= first < last <= len(table):
+        raise InputError(f"rows = [{first}, {last}] of the mapping is not within the {len(table)} rows of {file}: "
+                         "correct rows")
+    history = [f"kept rows {first} to {last - 1} of {len(table)}"]
+    if last == len(table) - 1:
+        history.append(f"{WARNING}rows = [{first}, {last}] leaves out the last row of {file}: the second number is "
+                       f"the first row that is not read, {len(table)} for all")  # fmt: skip
+    return table[first:last], history
+
+
+def _word(value: float | str) -> str:
+    return clipped(value) if isinstance(value, str) else f"{value:g}"
+
+
+def _timed(
+    table: NDArray, clock: Column | tuple[Column, Column] | None, header: ColumnHeader, options: ColumnMapping, *,
+    whole: bool,
+) -> tuple[NDArray, NDArray, list[str]]:
+    """Return the times [s] of a table's rows by the column `clock`, the rows with a time of their own, and sentences
+    for the history. With `whole`, for a shape, only equal rows at equal times are left out.
+    """
+    if clock is None:
         rate = options.rate_hz or (options.camera.rate_hz if options.camera else None)
-        return np.arange(len(table)) / float(rate or np.nan), []
-    return unwrapped(table[:, header.index(options.time)], options.time_unit, header.file)
+        time, history = np.arange(len(table)) / float(rate or np.nan), []
+        if whole:
+            return time, table, history
+    else:
+        ticks = _ticks(table, clock, header, options)
+        timed = np.isfinite(ticks) | np.isinf(ticks)
+        table, history = table[timed], []
+        if not timed.all():
+            history.append(f"{int((~timed).sum())} row(s) of {header.file} have no time in column {clock} and are left "
+                           "out")  # fmt: skip
+        time, wrapped = unwrapped(ticks[timed], "s" if isinstance(clock, tuple) else options.time_unit, header.file)
+        history += wrapped
+    keep, more = without_repeats(time, header.file, table[:, sorted(_numeric(header, options))] if whole else None)
+    time, table = time[keep], table[keep]
+    if len(same := np.flatnonzero(np.diff(time) == 0)):
+        raise InputError(f"{header.file}: time must increase strictly, but {len(same)} pair(s) of rows have the "
+                         f"same time and different values, the first {time[same[0]]:.6g} s: write the times with "
+                         "all digits, or keep one run by rows = [first, last] in the mapping")  # fmt: skip
+    return time, table, [*history, *more]
+
+
+def _ticks(
+    table: NDArray, clock: Column | tuple[Column, Column], header: ColumnHeader, options: ColumnMapping
+) -> NDArray:
+    if not isinstance(clock, tuple):
+        return table[:, header.index(clock)]
+    whole, fraction = (table[:, header.index(column)] for column in clock)
+    return whole - whole[np.isfinite(whole)][:1].sum() + fraction * SECONDS[options.time_unit]
+
+
+def _numeric(header: ColumnHeader, options: ColumnMapping) -> set[int]:
+    return _used(header, options) - _worded(header, options)
 
 
 def _turning(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[dict[str, Any], list[str]]:
@@ -236,53 +378,6 @@ def _layout(options: ColumnMapping, header: ColumnHeader) -> dict[str, StationCo
         place: list[Column] = [at + points.order.index(axis) for axis in "xyz"[:width]]
         stations[f"s{i:03d}"] = StationColumns(position=place)
     return stations
-
-
-def _stations(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[dict[str, Any], list[str]]:
-    stations = _layout(options, header)
-    position = np.zeros((len(table), len(stations), 3))
-    quaternion = np.full((len(table), len(stations), 4), np.nan)
-    history = []
-    for s, columns in enumerate(stations.values()):
-        indices = [header.index(c) for c in columns.position]
-        position[:, s, : len(indices)] = table[:, indices] * metre_per(options.length_unit or "m")
-        if columns.quaternion is not None:
-            quaternion[:, s] = table[:, [header.index(c) for c in columns.quaternion]]
-    if any(len(c.position) == 2 for c in stations.values()):
-        history.append("stations with two coordinates got z = 0")
-    arrays: dict[str, Any] = {"position": position, "station": list(stations), "arc_length": options.arc_length}
-    if not np.isnan(quaternion).all():
-        arrays["quaternion"] = quaternion
-    return arrays, history
-
-
-def _pressure(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> dict[str, Any]:
-    if options.pressure is None:
-        return {}
-    indices = [header.index(c) for c in options.pressure.columns]
-    values = table[:, indices] * pascal_per(options.pressure.unit)
-    chamber = [str(c) for c in options.pressure.columns] if len(indices) > 1 else None
-    return {"pressure": values, "chamber": options.pressure.chamber or chamber}
-
-
-INPUT_SI = {"tension": newton_per, "displacement": metre_per, "angle": radian_per}
-
-
-def _inputs(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> dict[str, Any]:
-    """Return the arguments of `make_recording` for the inputs other than pressure."""
-    if not options.inputs:
-        return {}
-    values, names, kinds = [], [], []
-    for group in options.inputs:
-        indices = [header.index(c) for c in group.columns]
-        given = group.names or [header.names[i] if header.names else f"column_{i}" for i in indices]
-        if len(given) != len(indices):
-            raise InputError(f"the mapping for {header.file} gives {len(given)} names to {len(indices)} columns of "
-                             "inputs: give one name to each column")  # fmt: skip
-        values.append(table[:, indices] * INPUT_SI[group.kind](group.unit))
-        names += given
-        kinds += [group.kind] * len(indices)
-    return {"actuation": np.concatenate(values, axis=1), "input_names": names, "input_kind": kinds}
 
 
 READER = Reader("columns", ENDINGS["columns"], read_columns, needs_mapping=True)

@@ -18,6 +18,7 @@ from pliant.files import regular_file
 from pliant.plugins import offered
 from pliant.recording.linear import scaled, without_lines
 from pliant.recording.lost import without_lost
+from pliant.recording.per_file import options_of
 from pliant.recording.published import PREFIX, published_path
 from pliant.recording.schema import append_history, check_recording
 from pliant.recording.stated import Reading, judge_stated
@@ -110,6 +111,7 @@ def read_recording(
     mapping : dict, optional
         Information that the file lacks: columns and units of a plain table, names of arrays, the unit
         of length. The keys depend on the format; see the module of its reader. ``format`` is the next entry;
+        ``files`` holds options of single files, see `pliant.recording.per_file`;
         ``linear`` scales channels of any format, see `pliant.recording.linear`; ``hold`` states whether inputs keep
         the value of a row until the next, see `pliant.recording.typed_steps`; ``incomplete = true`` reads a file that
         holds fewer samples than it states.
@@ -142,6 +144,7 @@ def read_recording(
     _check_exists(path)
     if mapping is not None and not hasattr(mapping, "items"):
         raise InputError(f"mapping must be a dict of options, not {type(mapping).__name__}")
+    mapping = options_of(path, mapping)
     mapping, format = _without(mapping, "format", format)  # noqa: A001
     mapping, incomplete = _without(mapping, "incomplete", None)
     if incomplete not in (None, True, False):

@@ -22,9 +22,10 @@ from pydantic import ConfigDict, Field
 
 from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
+from pliant.recording.cells import with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_names import standard_names
-from pliant.recording.columns import changing_columns
+from pliant.recording.columns import changing_columns, kept_rows
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us"}
+CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns"}
 KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 HELD = frozenset((  # variables and coordinates that a table and its metadata hold
     "time", "station", "axis", "component", "position", "quaternion", "angle", "arc_length", "pressure",
@@ -70,7 +71,8 @@ class TableMetadata(FileMapping):
     arc_length: list[float] | None = None
     frame: str = "tracker"
     nominal_pressure: float | None = None
-    rows: int | None = None
+    rows: int | tuple[int, int] | None = None  # as pliant writes them; or [first, last] to keep
+    na: list[str | float] = []
     history: str = ""
     source: str | None = None
     source_format: str | None = None
@@ -96,11 +98,33 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
         raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "
                          f"{metadata['length_unit']}: correct one")
     used = [k for k, name in enumerate(names) if is_known(name)]
-    table, findings = read_rows(lines, start + 1, delimiter, path.name, len(names), used)
+    table, findings = _numbers(lines, start + 1, delimiter, names, used, metadata, path.name)
     findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
+    rows = metadata.get("rows")
+    if isinstance(rows, tuple):
+        table, kept = kept_rows(table, rows, path.name)
+        findings += kept
     columns = dict(zip(names, table.T, strict=True))
-    stated = [Stated("rows", "its metadata", metadata["rows"], len(table))] if "rows" in metadata else []
+    stated = [Stated("rows", "its metadata", rows, len(table))] if isinstance(rows, int) else []
     return Reading(_recording(columns, metadata, path.name, findings), tuple(stated))
+
+
+def _numbers(
+    lines: list[str], first: int, delimiter: str, names: list[str], used: list[int], metadata: dict[str, Any], file: str
+) -> tuple[NDArray, list[str]]:
+    """Return the numbers (R, K) of the rows from ``lines[first]`` on, and sentences for the history."""
+    rows, findings = without_trailing(lines[first:], delimiter, len(names), file)
+    if metadata.get("na"):
+        rows, marked = without_marks(rows, delimiter, used, metadata["na"], file)
+        findings += marked
+    rows, clock = with_seconds(rows, delimiter, next(k for k, name in enumerate(names) if name in CLOCKS), file)
+    table, cut = read_rows([*lines[:first], *rows], first, delimiter, file, len(names), used)
+    time = table[:, next(k for k, name in enumerate(names) if name in CLOCKS)]
+    timed = ~np.isnan(time)
+    if timed.any() and not timed.all():
+        table = table[timed]
+        clock.append(f"{int((~timed).sum())} row(s) of {file} have no time and are left out")
+    return table, [*findings, *clock, *cut]
 
 
 def write_wide_csv(recording: xr.Dataset, path: Path) -> None:

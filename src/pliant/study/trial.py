@@ -67,6 +67,8 @@ class Trial:
         Mapping entries that were assumed in order to read the file: a camera, or units.
     log : Path or None
         File of the pressure log, if it is separate. `recording` then holds its pressure.
+    log_mapping : dict or None
+        Mapping of this file.
     """
 
     path: Path
@@ -79,6 +81,7 @@ class Trial:
     problem: str = ""
     assumed: dict[str, Any] = field(default_factory=dict)
     log: Path | None = None
+    log_mapping: dict[str, Any] | None = None
 
     @property
     def name(self) -> str:
@@ -172,7 +175,10 @@ class Trial:
         return float(named[1]) * pascal_per(named[2]) if named else None
 
 
-def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None, log: Path | None = None) -> Trial:
+def inspect_trial(
+    path: Path, mapping: Mapping[str, Any] | None = None, log: Path | None = None,
+    log_mapping: dict[str, Any] | None = None,
+) -> Trial:
     """Read a file, assess its quality, group its markers and try to align it in the plane.
 
     Parameters
@@ -182,6 +188,8 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None, log: Pat
         See `pliant.read`.
     log : Path, optional
         Separate file with the pressures, which are moved to the clock of the shape as a run of the study moves them.
+    log_mapping : dict, optional
+        Mapping of this file.
 
     Raises
     ------
@@ -199,12 +207,12 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None, log: Pat
         raise InputError(f"{path.name} holds {held}")
     unsynchronised = ""
     if log is not None:
-        recording, unsynchronised = with_log(recording, log, path.stem)
+        recording, unsynchronised = with_log(recording, log, path.stem, log_mapping)
     assessed = quality(recording)
     if unsynchronised:
         assessed = replace(assessed, doubts={**assessed.doubts, "clock of the log": unsynchronised})
     recording = leave_out_glitches(leave_out_frozen(recording))
-    trial = Trial(path, recording, assessed, kept, assumed=assumed, log=log)
+    trial = Trial(path, recording, assessed, kept, assumed=assumed, log=log, log_mapping=log_mapping)
     if trial.angles_only:
         return replace(trial, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":
@@ -214,11 +222,13 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None, log: Pat
     return trial if trial.capped else with_alignment(trial)
 
 
-def with_log(recording: xr.Dataset, log: Path, name: str) -> tuple[xr.Dataset, str]:
+def with_log(
+    recording: xr.Dataset, log: Path, name: str, mapping: Mapping[str, Any] | None = None
+) -> tuple[xr.Dataset, str]:
     """Return the recording with the pressures of a separate log on the clock of the shape, and "". If the offset
     between the two clocks cannot be estimated, return the pressures on the log's own clock, and the reason.
     """
-    joined = with_pressure(recording, read(log), name, log.name)
+    joined = with_pressure(recording, read(log, mapping=mapping), name, log.name)
     try:
         offset = sync(joined, drift=True)
     except InputError as error:
