@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.units import metre_per, newton_per, pascal_per, radian_per
+from pliant.recording.arrays import INPUT_SI
+from pliant.units import metre_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from pliant.recording.column_mapping import ColumnMapping, EulerColumns, PressureColumns, StationColumns
     from pliant.recording.columns import ColumnHeader
 
-INPUT_SI = {"tension": newton_per, "displacement": metre_per, "angle": radian_per}
 
 
 def station_arrays(

@@ -96,11 +96,11 @@ class InputColumns(FileMapping):
 
 class Select(FileMapping):
     """Filter that keeps the table rows in which `column` equals `value`, a number or a text, such as one trial of
-    several.
+    several. Without `value`, `pliant new` makes a recording of each value.
     """
 
     column: Column
-    value: float | str
+    value: float | str | None = None
 
 
 class ColumnMapping(FileMapping):

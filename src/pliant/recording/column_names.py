@@ -103,10 +103,11 @@ def _position(name: str) -> tuple[str, str] | None:
 def _one_body(names: Iterable[str], others: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
     """Return the standard names and units of the coordinates of a single body whose column names hold no name of it,
     such as ``x``, ``pos_y`` or ``tz [mm]``; empty where there are other positions, or not one of each coordinate.
+    The name ``x_m`` is that of a station m.
     """
     parts = {name: _without_unit(name, METRE) for name in names}
     bare = {name: (match[1].lower(), unit) for name, (word, unit) in parts.items()
-            if (match := ONE_BODY.fullmatch(word))}  # fmt: skip
+            if (match := ONE_BODY.fullmatch(word)) and not name.lower().endswith("_m")}  # fmt: skip
     axes = sorted(axis for axis, _ in bare.values())
     if axes not in (["x", "y"], ["x", "y", "z"]) or set(others) - set(bare):
         return {}

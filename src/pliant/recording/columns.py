@@ -30,6 +30,7 @@ from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
 from pliant.recording.tables import (
     DELIMITERS,
+    NUMBER,
     count_cells,
     holds_number,
     judge_end,
@@ -41,7 +42,7 @@ from pliant.recording.tables import (
 from pliant.units import radian_per
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     import xarray as xr
@@ -129,7 +130,8 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
         raise InputError(f"{path.name} has no table row after its first {options.skip_lines} line(s): reduce "
                          "skip_lines in the mapping")
     delimiter, name = delimiter_of(lines[first], options), path.name
-    cells, findings = split_cells(lines[first], delimiter), []
+    cells = split_cells(lines[first], delimiter)
+    findings: list[str] = []
     named = header_of(cells, options, f"line {first + 1}, cell 1 of {name}")
     body = first + 1 if named else first
     rows = lines[body:]
@@ -207,7 +209,7 @@ def _valid(
             raise InputError(f"{header.file}: no row has {shorten(station.valid)} in the status of {clipped(name)}, "
                              f"which holds {shorten(sorted(set(words)), 6)}: correct valid in the mapping")
         columns = [*station.position, *(station.quaternion or []), *(station.euler.columns if station.euler else [])]
-        table[np.ix_(lost, [header.index(c) for c in columns])] = np.nan
+        table[np.ix_(lost, np.array([header.index(c) for c in columns]))] = np.nan
         others = shorten(sorted(set(words[lost])), 6)
         history += [f"{int(lost.sum())} frame(s) of {name} are gaps by their status: {others}"] if lost.any() else []
     return table
@@ -259,6 +261,9 @@ def _rows(
     history, file = [], header.file
     if options.select is not None:
         column, value = options.select.column, options.select.value
+        if value is None:
+            raise InputError(f"select in the mapping for {file} has no value: state which trial to read, such as select "
+                             f"= {{ column = {column!r}, value = 1 }}; `pliant new` makes a recording of each")
         worded = isinstance(value, str)
         values = texts[header.index(column)] if worded else table[:, header.index(column)]
         keep = values == value
@@ -303,17 +308,17 @@ def _timed(
     """
     if clock is None:
         rate = options.rate_hz or (options.camera.rate_hz if options.camera else None)
-        time, history = np.arange(len(table)) / float(rate or np.nan), []
+        time = np.arange(len(table)) / float(rate or np.nan)
+        history: list[str] = []
         if whole:
             return time, table, history
     else:
-        ticks = _ticks(table, clock, header, options)
-        timed = np.isfinite(ticks) | np.isinf(ticks)
-        table, history = table[timed], []
-        if not timed.all():
-            history.append(f"{int((~timed).sum())} row(s) of {header.file} have no time in column {clock} and are left "
-                           "out")  # fmt: skip
-        time, wrapped = unwrapped(ticks[timed], "s" if isinstance(clock, tuple) else options.time_unit, header.file)
+        columns = [header.index(c) for c in (clock if isinstance(clock, tuple) else (clock,))]
+        table, history = without_idle(table, columns[0], _timed_by(header, options, whole=whole), header.file)
+        ticks = table[:, columns[0]]
+        if len(columns) > 1:
+            ticks = ticks - ticks[np.isfinite(ticks)][:1].sum() + table[:, columns[1]] * SECONDS[options.time_unit]
+        time, wrapped = unwrapped(ticks, "s" if len(columns) > 1 else options.time_unit, header.file)
         history += wrapped
     keep, more = without_repeats(time, header.file, table[:, sorted(_numeric(header, options))] if whole else None)
     time, table = time[keep], table[keep]
@@ -324,13 +329,27 @@ def _timed(
     return time, table, [*history, *more]
 
 
-def _ticks(
-    table: NDArray, clock: Column | tuple[Column, Column], header: ColumnHeader, options: ColumnMapping
-) -> NDArray:
-    if not isinstance(clock, tuple):
-        return table[:, header.index(clock)]
-    whole, fraction = (table[:, header.index(column)] for column in clock)
-    return whole - whole[np.isfinite(whole)][:1].sum() + fraction * SECONDS[options.time_unit]
+def without_idle(table: NDArray, clock: int, columns: Collection[int], file: str) -> tuple[NDArray, list[str]]:
+    """Return the rows of a table (R, K) without those that have neither a time in the column `clock` nor a value in
+    `columns`, such as the end of a shorter column, and a sentence for the history that counts them.
+    """
+    others = sorted(set(columns) - {clock})
+    idle = np.isnan(table[:, clock]) & np.isnan(table[:, others]).all(axis=1)
+    count = int(idle.sum())
+    if not count or idle.all():
+        return table, []
+    return table[~idle], [f"{count} row(s) of {file} have neither a time nor values and are left out"]
+
+
+def _timed_by(header: ColumnHeader, options: ColumnMapping, *, whole: bool) -> set[int]:
+    """Return the indices of the columns whose times are those of the shape (`whole`) or else of the inputs."""
+    inputs = [*(options.pressure.columns if options.pressure else []),
+              *(column for group in options.inputs for column in group.columns)]  # fmt: skip
+    clocked = {header.index(column) for column in inputs}
+    if options.input_time is None:
+        return _numeric(header, options)
+    shape = _numeric(header, options) - clocked - {header.index(options.input_time)}
+    return shape if whole else clocked
 
 
 def _numeric(header: ColumnHeader, options: ColumnMapping) -> set[int]:
@@ -378,6 +397,22 @@ def _layout(options: ColumnMapping, header: ColumnHeader) -> dict[str, StationCo
         place: list[Column] = [at + points.order.index(axis) for axis in "xyz"[:width]]
         stations[f"s{i:03d}"] = StationColumns(position=place)
     return stations
+
+
+def trials_in_table(path: Path, mapping: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the options of each trial of a table by the trial's value in the column of `select`, where the mapping
+    states no value; empty otherwise.
+    """
+    options = ColumnMapping.load(mapping, path.name)
+    if options.select is None or options.select.value is not None:
+        return {}
+    column = options.select.column
+    probe = options.model_copy(update={"select": options.select.model_copy(update={"value": ""})})
+    header, _, texts, _ = _table(path, probe)
+    words = list(dict.fromkeys(word for word in texts[header.index(column)] if word))
+    numbers = all(NUMBER.fullmatch(word) for word in words)
+    return {word: {**mapping, "select": {"column": column, "value": float(word) if numbers else word}}
+            for word in words}  # fmt: skip
 
 
 READER = Reader("columns", ENDINGS["columns"], read_columns, needs_mapping=True)

@@ -25,7 +25,7 @@ from pliant.files import whole
 from pliant.recording.cells import with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_names import standard_names
-from pliant.recording.columns import changing_columns, kept_rows
+from pliant.recording.columns import changing_columns, kept_rows, without_idle
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
@@ -119,12 +119,8 @@ def _numbers(
         findings += marked
     rows, clock = with_seconds(rows, delimiter, next(k for k, name in enumerate(names) if name in CLOCKS), file)
     table, cut = read_rows([*lines[:first], *rows], first, delimiter, file, len(names), used)
-    time = table[:, next(k for k, name in enumerate(names) if name in CLOCKS)]
-    timed = ~np.isnan(time)
-    if timed.any() and not timed.all():
-        table = table[timed]
-        clock.append(f"{int((~timed).sum())} row(s) of {file} have no time and are left out")
-    return table, [*findings, *clock, *cut]
+    table, untimed = without_idle(table, next(k for k, name in enumerate(names) if name in CLOCKS), used, file)
+    return table, [*findings, *clock, *cut, *untimed]
 
 
 def write_wide_csv(recording: xr.Dataset, path: Path) -> None:

@@ -15,6 +15,7 @@ from pliant.files import regular_file
 from pliant.recording import read, readers
 from pliant.recording.per_file import options_of, refuse_idle
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
+from pliant.recording.trials import trials_of
 from pliant.sensing import read_shape
 
 TRACKERS = ("deeplabcut", "sleap")
@@ -64,12 +65,15 @@ LOGS = (".csv", ".txt", ".tsv", ".log", ".dat", ".mat", ".npz", ".lvm", ".tdms",
 
 
 class Pair(NamedTuple):
-    """A file that holds a shape, the file of its inputs alone (None: no such file), and the options of both files."""
+    """A file that holds a shape, the file of its inputs alone (None: no such file), the options of both files, and the
+    name of the trial if the file of the shape holds several.
+    """
 
     shape: Path
     options: dict[str, Any] | None = None
     log: Path | None = None
     log_options: dict[str, Any] | None = None
+    trial: str = ""
 
 
 def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -> list[Pair]:
@@ -90,11 +94,21 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
     for log, options in logs.items():
         shape = shape_of(log, [*pairs])
         if shape is None or pairs[shape].log is not None:
-            both = f"; {shape.name} has {pairs[shape].log.name} already" if shape and pairs[shape].log else ""
+            other = pairs[shape].log if shape is not None else None
+            both = f"; {shape.name} has {other.name} already" if shape is not None and other is not None else ""
             raise InputError(f"{log.name} holds inputs alone, and a study needs the shape too: add the recording to "
                              f"which it belongs, with a similar name, such as push_3.csv for push_3_log.csv{both}")
         pairs[shape] = pairs[shape]._replace(log=log, log_options=options or None)
-    return list(pairs.values())
+    return [one for pair in pairs.values() for one in by_trial(pair)]
+
+
+def by_trial(pair: Pair) -> list[Pair]:
+    """Return a pair for each trial in the file of the shape, or the pair alone if the file holds one."""
+    trials = trials_of(pair.shape, pair.options)
+    if trials and pair.log is not None:
+        raise InputError(f"{pair.shape.name} holds {len(trials)} trials, and {pair.log.name} belongs to one of them: "
+                         "save each trial in a file of its own")
+    return [pair._replace(options=options, trial=name) for name, options in trials.items()] or [pair]
 
 
 def shape_of(log: Path, shapes: Sequence[Path]) -> Path | None:

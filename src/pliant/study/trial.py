@@ -69,6 +69,8 @@ class Trial:
         File of the pressure log, if it is separate. `recording` then holds its pressure.
     log_mapping : dict or None
         Mapping of this file.
+    part : str
+        Name of the trial, if the file holds several.
     """
 
     path: Path
@@ -82,11 +84,13 @@ class Trial:
     assumed: dict[str, Any] = field(default_factory=dict)
     log: Path | None = None
     log_mapping: dict[str, Any] | None = None
+    part: str = ""
 
     @property
     def name(self) -> str:
-        """Return the name of the recording in the study, made from the file name."""
-        return re.sub(r"[^A-Za-z0-9_-]+", "_", self.path.stem) or "recording"
+        """Return the name of the recording in the study, made from the file name and the name of the trial."""
+        named = f"{self.path.stem}_{self.part}" if self.part else self.path.stem
+        return re.sub(r"[^A-Za-z0-9_-]+", "_", named) or "recording"
 
     @property
     def grouped(self) -> xr.Dataset:
@@ -177,7 +181,7 @@ class Trial:
 
 def inspect_trial(
     path: Path, mapping: Mapping[str, Any] | None = None, log: Path | None = None,
-    log_mapping: dict[str, Any] | None = None,
+    log_mapping: dict[str, Any] | None = None, part: str = "",
 ) -> Trial:
     """Read a file, assess its quality, group its markers and try to align it in the plane.
 
@@ -190,6 +194,8 @@ def inspect_trial(
         Separate file with the pressures, which are moved to the clock of the shape as a run of the study moves them.
     log_mapping : dict, optional
         Mapping of this file.
+    part : str, optional
+        Name of the trial, if the file holds several.
 
     Raises
     ------
@@ -212,7 +218,8 @@ def inspect_trial(
     if unsynchronised:
         assessed = replace(assessed, doubts={**assessed.doubts, "clock of the log": unsynchronised})
     recording = leave_out_glitches(leave_out_frozen(recording))
-    trial = Trial(path, recording, assessed, kept, assumed=assumed, log=log, log_mapping=log_mapping)
+    trial = Trial(path, recording, assessed, kept, assumed=assumed, log=log, log_mapping=log_mapping,
+                  part=part)  # fmt: skip
     if trial.angles_only:
         return replace(trial, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":

@@ -1,0 +1,31 @@
+"""Find the trials in a file that holds several: structs of a MATLAB file, or the values of a column of a table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from pliant.recording.columns import trials_in_table
+from pliant.recording.mat import trials_in_mat
+from pliant.recording.registry import describes_columns
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+
+def trials_of(path: Path, mapping: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
+    """Return the options by which each trial of a file is read, by the name of the trial; empty for a file with one.
+
+    A table holds several trials if its mapping has ``select`` without a value; a MATLAB file if the mapping's ``struct``
+    names an array of structs or, without a mapping, if it has one array of structs with usual names.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or the mapping does not fit it.
+    """
+    if path.is_dir():
+        return {}
+    if path.suffix.lower() == ".mat":
+        return trials_in_mat(path, mapping)
+    return trials_in_table(path, mapping) if mapping and describes_columns(mapping) else {}
