@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pliant.model import Model
 
 LEVELS = "kPa gauge, or N, mm or rad of a tendon; for several inputs one each, as 80,30, or as left=80 (others: 0)"
-MAPPING = "TOML file with columns, units and format; for several kinds of files NAME=FILE each, NAME part of their names."
+MAPPING = "TOML file with columns, units and format. For several kinds of files: NAME=FILE each, NAME in their names."
 DRIVE = "For several inputs: which recorded input drives which, as left=p1,right=p2; default: by equal names."
 
 

@@ -5,7 +5,7 @@ and delimiters at the ends of rows. Every change is counted.
 from __future__ import annotations
 
 import re
-from datetime import datetime
+from datetime import date
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -123,7 +123,7 @@ def seconds(cell: str, name: str) -> float:
                          "correct it, or leave it empty")
     year, month, day, hour, minute, second = match.groups()
     try:
-        days = datetime(int(year), int(month), int(day)).toordinal() if year else 0
+        days = date(int(year), int(month), int(day)).toordinal() if year else 0
     except ValueError:
         raise InputError(f"{name}: {clipped(cell, 40)!r} in the column of time is no date: write year-month-day"
                          ) from None

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, clipped
 from pliant.recording.arrays import INPUT_SI
 from pliant.units import metre_per, pascal_per, radian_per
 
@@ -98,9 +98,9 @@ def from_counts(
     return np.asarray((stored - np.asarray(zero, float)) * np.asarray(scale, float))
 
 
-def calibrated(columns: Any) -> str:
-    """Return what a mapping states about the scale of input columns, for the history; "" for values in their unit."""
-    if columns is None or (columns.scale == 1.0 and columns.zero == 0.0):
-        return ""
-    return f"inputs {', '.join(map(str, columns.columns))} are (stored value - {columns.zero}) * {columns.scale} " \
-           f"{columns.unit}"
+def calibrated(names: Sequence[Any], scale: Any, zero: Any, unit: str) -> list[str]:
+    """Return a sentence for the history on the scale and zero that a mapping states for inputs; none for 1 and 0."""
+    if (scale, zero) == (1.0, 0.0):
+        return []
+    listed = ", ".join(clipped(str(name), 40) for name in names)
+    return [f"{listed}: value = (stored value - {zero}) * {scale} {unit}"]

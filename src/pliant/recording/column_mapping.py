@@ -42,13 +42,13 @@ class StationColumns(FileMapping):
     quaternion: list[Column] | None = Field(default=None, min_length=4, max_length=4)
     euler: EulerColumns | None = None
     status: Column | None = None
-    valid: list[str | float] = ["OK"]
+    valid: list[str | float] = Field(default=["OK"])
 
     @field_validator("euler", mode="before")
     @classmethod
     def _as_table(cls, value: Any) -> Any:
         if value is not None and not hasattr(value, "items") and not isinstance(value, EulerColumns):
-            raise ValueError('write a table, such as { columns = ["yaw", "pitch", "roll"], order = "ZYX", unit = "deg" }')
+            raise ValueError('write a table, as { columns = ["yaw", "pitch", "roll"], order = "ZYX", unit = "deg" }')
         return value
 
     @model_validator(mode="after")
@@ -136,9 +136,11 @@ class ColumnMapping(FileMapping):
     arc_length : list of float, m, optional
         Arc length of each station, from base to tip.
     angles : dict of columns, optional
-        Instead of positions: one column for each station of which only the angle was measured, from base to tip.
+        Instead of positions: one column for each station of which only the angle was measured, from base to tip; or
+        the three columns of its acceleration x, y, z, which show the direction of gravity; or the four of its
+        quaternion x, y, z, w.
     angle_unit : {"deg", "rad"}
-        Unit of `angles`; needed with `angles`.
+        Unit of `angles`; needed with a single column for each.
     pressure : PressureColumns, optional
     inputs : InputColumns or list of them, optional
         Tensions or displacements of tendons, angles of motors.
@@ -152,14 +154,14 @@ class ColumnMapping(FileMapping):
     skip_lines: int = Field(default=0, ge=0)
     time: Column | tuple[Column, Column] | None = None
     input_time: Column | None = None
-    na: list[str | float] = []
+    na: list[str | float] = Field(default=[])
     time_unit: Literal["s", "ms", "us", "ns"] = "s"
     rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     length_unit: str = ""
     camera: Camera | None = None
     stations: dict[str, StationColumns] | None = None
     points: Points | None = None
-    angles: dict[str, Column] | None = None
+    angles: dict[str, Column | list[Column]] | None = None
     angle_unit: Literal["deg", "rad"] | None = None
     arc_length: list[float] | None = None
     pressure: PressureColumns | None = None
@@ -182,8 +184,12 @@ class ColumnMapping(FileMapping):
         placed = bool(self.stations) or self.points is not None
         if not placed and not self.angles and self.pressure is None and not self.inputs:
             raise ValueError("give stations, points or angles; or, for a log without a shape, pressure or inputs")
-        if self.angles and (placed or self.angle_unit is None):
+        widths = {len(columns) if isinstance(columns, list) else 1 for columns in (self.angles or {}).values()}
+        if self.angles and (placed or (self.angle_unit is None and widths == {1})):
             raise ValueError("angles cannot be combined with stations or points, and need angle_unit, 'deg' or 'rad'")
+        if widths - {1} and widths not in ({3}, {4}, {3, 4}):
+            raise ValueError("angles need one column for each station, or the 3 of its acceleration or the 4 of its "
+                             "quaternion")
         if placed and bool(self.length_unit) == (self.camera is not None):
             raise ValueError("positions need length_unit, such as 'mm', or camera where they are in pixels, not both")
         if self.delimiter not in (None, "space") and len(self.delimiter or "") != 1:

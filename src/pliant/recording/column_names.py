@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
 from pliant.units import METRE, PASCAL, RADIAN
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 ALIASES = {"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s", "hpa": "mbar"}
 UNITS = (SECONDS, RADIAN, PASCAL)
@@ -17,6 +22,12 @@ PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNOR
 BEFORE = re.compile(r"([xyz])[_ .:](.+)", re.IGNORECASE)  # x_tip
 BEHIND = re.compile(r"(.+?)[_ .:]([xyz])", re.IGNORECASE)  # tip_x
 ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
+COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
+PARTS = {  # names of seconds, and of their fraction with its unit
+    "seconds": re.compile(r"(?:.*[_ .])?secs?(?:onds)?", re.IGNORECASE),
+    "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsec(?:ond)?s?)", re.IGNORECASE),
+    "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosec(?:ond)?s?)", re.IGNORECASE),
+}
 TURN = re.compile(r"(?:(.+?)[_ .:])?(?:q|quat(?:ernion)?|rot(?:ation)?|orientation)[_ .]?([xyzw])", re.IGNORECASE)
 BODY = "body"  # name of a single tracked body, where the names of its columns hold none
 BRACKETED = re.compile(r"(.+?)[\s_]*[\[(]\s*([^\[\]()]+?)\s*[\])]")  # tip_x [mm]
@@ -79,7 +90,7 @@ def parted(name: str) -> tuple[str, str]:
 
 def is_time(name: str) -> bool:
     """Return whether a column name denotes time: ``t``, ``time`` or ``timestamp``, with or without a unit."""
-    return parted(name)[0] in ("t", "time", "timestamp")
+    return parted(name)[0] in ("t", "time", "timestamp") or name.lower() in COUNTERS
 
 
 def _sentence(changed: Mapping[str, str], units: Iterable[str]) -> list[str]:
@@ -125,6 +136,8 @@ def _orientations(names: Iterable[str], stations: Collection[str]) -> dict[str, 
 
 
 def _clock(name: str) -> str | None:
+    if name.lower() in COUNTERS:
+        return f"t_{COUNTERS[name.lower()]}"
     unit = parted(name)[1]
     if not is_time(name) or unit not in ("", *SECONDS):
         return None
@@ -160,3 +173,29 @@ def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:
         if match and match[2].lower() in units and not (pattern is ENDING and match[2].lower() in WORDS):
             return match[1], match[2].lower()
     return name, ""
+
+
+class PartedClock(NamedTuple):
+    """The columns of a time that a table stores in two parts: seconds, and their fraction in a smaller unit."""
+
+    seconds: int
+    fraction: int
+    unit: str
+
+    def joined(self, table: NDArray) -> NDArray:
+        """Return the times (R,) [s] since the first whole second of a table (R, K)."""
+        whole = table[:, self.seconds]
+        begin = whole[np.isfinite(whole)][:1].sum()
+        return np.asarray(whole - begin + table[:, self.fraction] * SECONDS[self.unit])
+
+
+def parted_clock(names: Sequence[str]) -> PartedClock | None:
+    """Return the columns of the time of a table that stores it in two, such as ``sec`` and ``usec``; None for any other
+    table.
+    """
+    seconds = [k for k, name in enumerate(names) if PARTS["seconds"].fullmatch(name)]
+    for unit in ("us", "ns"):
+        fraction = [k for k, name in enumerate(names) if PARTS[unit].fullmatch(name)]
+        if len(seconds) == len(fraction) == 1:
+            return PartedClock(seconds[0], fraction[0], unit)
+    return None

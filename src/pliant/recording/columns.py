@@ -21,17 +21,17 @@ import numpy as np
 from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
 from pliant.recording.cells import cells_of, is_one_of, with_seconds, without_marks, without_trailing
-from pliant.recording.clock import SECONDS, unwrapped, without_repeats
+from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_arrays import calibrated, input_arrays, pressure_arrays, station_arrays
 from pliant.recording.column_mapping import Column, ColumnMapping, StationColumns
+from pliant.recording.column_names import PartedClock
+from pliant.recording.inclination import turning_angles
 from pliant.recording.mapping import shorten
-from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
 from pliant.recording.tables import (
     DELIMITERS,
     NUMBER,
-    count_cells,
     holds_number,
     judge_end,
     parse_numbers,
@@ -86,10 +86,8 @@ class ColumnHeader:
 def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read a plain table of numbers as a recording; `mapping` states which columns hold what, and their units."""
     if not mapping:
-        raise InputError(
-            f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, length_unit, "
-            "stations or points)"
-        )
+        raise InputError(f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, "
+                         f"length_unit, stations or points){_listed(path)}")  # fmt: skip
     options = ColumnMapping.load(mapping, path.name)
     header, table, texts, findings = _table(path, options)
     history = [*findings, *_unused(header, options, table)]
@@ -110,12 +108,21 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
             more.append(how)
     else:
         arrays, more = _turning(shape, header, options) if options.angles else ({}, [])
-    history += filter(None, map(calibrated, [options.pressure, *options.inputs]))
+    for group in (*([options.pressure] if options.pressure else []), *options.inputs):
+        history += calibrated(group.columns, group.scale, group.zero, group.unit)
     with inside(path.name):
         return make_recording(
             time if arrays else None, pressure_time=input_time, input_time=input_time, history=[*history, *more],
             **arrays, **pressure_arrays(inputs, header, options.pressure), **input_arrays(inputs, header, options),
         )  # fmt: skip
+
+
+def _listed(path: Path) -> str:
+    """Return what the first row of a plain table shows of its columns, for a message."""
+    line = next((one for one in read_text(path).split("\n") if one.strip() and not one.startswith("#")), "")
+    cells = split_cells(line, delimiter_of(line, None))
+    named = not any(map(holds_number, filter(None, cells)))
+    return f"; they are {shorten(cells, 12)}" if named else f"; they are 0 to {len(cells) - 1}"
 
 
 def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, dict[int, NDArray], list[str]]:
@@ -129,14 +136,14 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
     if first >= len(lines):
         raise InputError(f"{path.name} has no table row after its first {options.skip_lines} line(s): reduce "
                          "skip_lines in the mapping")
-    delimiter, name = delimiter_of(lines[first], options), path.name
+    delimiter, name = delimiter_of(lines[first], options.delimiter), path.name
     cells = split_cells(lines[first], delimiter)
     findings: list[str] = []
     named = header_of(cells, options, f"line {first + 1}, cell 1 of {name}")
     body = first + 1 if named else first
     rows = lines[body:]
     if named:
-        if cells[-1] == "" and count_cells(next(filter(str.strip, rows), ""), delimiter) == len(cells) - 1:
+        if cells[-1] == "":  # a delimiter behind the last name
             cells.pop()
         rows, findings = without_trailing(rows, delimiter, len(cells), name)
     rows, cut = judge_end(rows, delimiter, name)
@@ -154,10 +161,10 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
     return header, table, texts, [*findings, *cut]
 
 
-def delimiter_of(line: str, options: ColumnMapping) -> str | None:
-    """Return the delimiter of a table from its mapping or else from its first row; None for white space."""
-    if options.delimiter is not None:
-        return None if options.delimiter == "space" else options.delimiter
+def delimiter_of(line: str, stated: str | None) -> str | None:
+    """Return the delimiter of a table as its mapping states it, or else from its first row; None for white space."""
+    if stated is not None:
+        return None if stated == "space" else stated
     return next((one for one in DELIMITERS if one in line), None)
 
 
@@ -221,7 +228,8 @@ def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
     wanted += [options.select.column] if options.select else []
     wanted += options.pressure.columns if options.pressure else []
     wanted += [column for group in options.inputs for column in group.columns]
-    wanted += list((options.angles or {}).values())
+    for columns in (options.angles or {}).values():
+        wanted += columns if isinstance(columns, list) else [columns]
     for station in _layout(options, header).values():
         wanted += [*station.position, *(station.quaternion or []), *(station.euler.columns if station.euler else [])]
         wanted.append(station.status)
@@ -262,8 +270,8 @@ def _rows(
     if options.select is not None:
         column, value = options.select.column, options.select.value
         if value is None:
-            raise InputError(f"select in the mapping for {file} has no value: state which trial to read, such as select "
-                             f"= {{ column = {column!r}, value = 1 }}; `pliant new` makes a recording of each")
+            raise InputError(f"select in the mapping for {file} has no value: state which trial to read, such as "
+                             f"select = {{ column = {column!r}, value = 1 }}; `pliant new` makes a recording of each")
         worded = isinstance(value, str)
         values = texts[header.index(column)] if worded else table[:, header.index(column)]
         keep = values == value
@@ -317,7 +325,7 @@ def _timed(
         table, history = without_idle(table, columns[0], _timed_by(header, options, whole=whole), header.file)
         ticks = table[:, columns[0]]
         if len(columns) > 1:
-            ticks = ticks - ticks[np.isfinite(ticks)][:1].sum() + table[:, columns[1]] * SECONDS[options.time_unit]
+            ticks = PartedClock(columns[0], columns[1], options.time_unit).joined(table)
         time, wrapped = unwrapped(ticks, "s" if len(columns) > 1 else options.time_unit, header.file)
         history += wrapped
     keep, more = without_repeats(time, header.file, table[:, sorted(_numeric(header, options))] if whole else None)
@@ -359,8 +367,13 @@ def _numeric(header: ColumnHeader, options: ColumnMapping) -> set[int]:
 def _turning(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[dict[str, Any], list[str]]:
     """Return the arguments of `make_recording` for stations of which only the angles were measured."""
     angles = options.angles or {}
-    columns = [header.index(column) for column in angles.values()]
-    angle, turns = whole_turns(table[:, columns] * radian_per(options.angle_unit or "rad"))
+    listed = {name: columns if isinstance(columns, list) else [columns] for name, columns in angles.items()}
+    measured = {name: table[:, [header.index(column) for column in columns]] for name, columns in listed.items()}
+    if any(len(columns) > 1 for columns in listed.values()):
+        angle, turns = turning_angles(measured, header.file)
+    else:
+        stored = np.concatenate([*measured.values()], axis=1)
+        angle, turns = whole_turns(stored * radian_per(options.angle_unit or "rad"))
     return {"angle": angle, "station": list(angles), "frame": "planar", "arc_length": options.arc_length}, turns
 
 
@@ -414,5 +427,3 @@ def trials_in_table(path: Path, mapping: Mapping[str, Any]) -> dict[str, dict[st
     return {word: {**mapping, "select": {"column": column, "value": float(word) if numbers else word}}
             for word in words}  # fmt: skip
 
-
-READER = Reader("columns", ENDINGS["columns"], read_columns, needs_mapping=True)

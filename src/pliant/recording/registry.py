@@ -38,7 +38,7 @@ BUILT_IN = {  # name -> the reader and the endings of its files: only readers of
     "sleap": ("pliant.recording.sleap:READER", (".h5", ".hdf5")),
     "netcdf": ("pliant.recording.netcdf:READER", (".nc", ".nc4", ".cdf", ".h5", ".hdf5")),
     "c3d": ("pliant.recording.c3d:READER", (".c3d",)),
-    "columns": ("pliant.recording.columns:READER", (".txt", ".dat")),
+    "columns": ("pliant.recording.wide_csv:COLUMNS", (".txt", ".dat", ".log")),
     "npz": ("pliant.recording.npz:READER", (".npz",)),
     "mat": ("pliant.recording.mat:READER", (".mat",)),
     "curvature": ("pliant.recording.curvature:READER", (".csv", ".tsv", ".txt")),

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 def trials_of(path: Path, mapping: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
     """Return the options by which each trial of a file is read, by the name of the trial; empty for a file with one.
 
-    A table holds several trials if its mapping has ``select`` without a value; a MATLAB file if the mapping's ``struct``
-    names an array of structs or, without a mapping, if it has one array of structs with usual names.
+    A table holds several trials if its mapping has ``select`` without a value. A MATLAB file does if ``struct`` of its
+    mapping names an array of structs or, without a mapping, if it has one array of structs with usual names.
 
     Raises
     ------

@@ -24,8 +24,8 @@ from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
 from pliant.recording.cells import with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.column_names import standard_names
-from pliant.recording.columns import changing_columns, kept_rows, without_idle
+from pliant.recording.column_names import parted_clock, standard_names
+from pliant.recording.columns import changing_columns, kept_rows, read_columns, without_idle
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
@@ -72,7 +72,7 @@ class TableMetadata(FileMapping):
     frame: str = "tracker"
     nominal_pressure: float | None = None
     rows: int | tuple[int, int] | None = None  # as pliant writes them; or [first, last] to keep
-    na: list[str | float] = []
+    na: list[str | float] = Field(default=[])
     history: str = ""
     source: str | None = None
     source_format: str | None = None
@@ -92,13 +92,20 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
     metadata = TableMetadata.load(metadata, path.name, "metadata of").model_dump(exclude_unset=True)
     delimiter = find_delimiter(lines[start], path.name)
-    names, unit, renamed = standard_names(split_cells(lines[start], delimiter), path.name)
+    cells = split_cells(lines[start], delimiter)
+    names, unit, renamed = standard_names(cells[:-1] if cells[-1] == "" else cells, path.name)
+    if fraction := None if set(CLOCKS) & set(names) else parted_clock(names):
+        names[fraction.seconds] = "t"
     _check_names(names, path.name)
     if unit and metadata.setdefault("length_unit", unit) != unit:
         raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "
                          f"{metadata['length_unit']}: correct one")
-    used = [k for k, name in enumerate(names) if is_known(name)]
+    used = [k for k, name in enumerate(names) if is_known(name) or (fraction and k == fraction.fraction)]
     table, findings = _numbers(lines, start + 1, delimiter, names, used, metadata, path.name)
+    if fraction:
+        table[:, fraction.seconds] = fraction.joined(table)
+        names.pop(fraction.fraction)
+        table = np.delete(table, fraction.fraction, axis=1)
     findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
     rows = metadata.get("rows")
     if isinstance(rows, tuple):
@@ -370,4 +377,15 @@ def _recognises(head: bytes) -> bool:
     return not (head.startswith((b"Format Version", b"\xef\xbb\xbfFormat Version")) or b"\0" in head[:512])
 
 
+def read_text_table(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading | xr.Dataset:
+    """Read a text table by a mapping of its columns or, without one, as a wide CSV if its first row names the time."""
+    if not mapping:
+        line = next((one for one in read_text(path).split("\n") if one.strip() and not one.startswith("#")), "")
+        names = split_cells(line, find_delimiter(line, path.name))
+        if any(name in CLOCKS for name in standard_names(names, path.name).names):
+            return read_wide_csv(path)
+    return read_columns(path, mapping)
+
+
 READER = Reader("csv", ENDINGS["csv"], read_wide_csv, _recognises)
+COLUMNS = Reader("columns", ENDINGS["columns"], read_text_table, needs_mapping=True)
