@@ -20,6 +20,7 @@ ALIASES = {"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "rad
 UNITS = (SECONDS, RADIAN, PASCAL)
 PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNORECASE)
 BEFORE = re.compile(r"([xyz])[_ .:](.+)", re.IGNORECASE)  # x_tip
+COUNTED = re.compile(r"([xyz])([0-9]+)", re.IGNORECASE)  # x1
 BEHIND = re.compile(r"(.+?)[_ .:]([xyz])", re.IGNORECASE)  # tip_x
 ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
 COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
@@ -34,6 +35,7 @@ BRACKETED = re.compile(r"(.+?)[\s_]*[\[(]\s*([^\[\]()]+?)\s*[\])]")  # tip_x [mm
 ENDING = re.compile(r"(.+)[_ ]([A-Za-z]+)")  # tip_x_mm
 OTHERS = re.compile(r"f|force|a|acc\w*|gyro\w*|mag\w*|v|vel\w*|torque|moment|rot\w*|angle|q", re.IGNORECASE)
 ELSEWHERE = r"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|atm\w*|ambient|barom\w*"  # not in the body
+PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
 WORDS = {"in"}  # units that are words as well: a name states them in brackets alone
 
@@ -104,7 +106,7 @@ def _sentence(changed: Mapping[str, str], units: Iterable[str]) -> list[str]:
 def _position(name: str) -> tuple[str, str] | None:
     """Return the standard name and the unit of a column of a station's coordinate, or None."""
     bare, unit = _without_unit(name, METRE)
-    if match := BEFORE.fullmatch(bare):
+    if match := BEFORE.fullmatch(bare) or COUNTED.fullmatch(bare):
         return f"{match[1].lower()}_{match[2]}", unit
     if (match := BEHIND.fullmatch(bare)) and not OTHERS.fullmatch(match[1]):
         return f"{match[2].lower()}_{match[1]}", unit
@@ -164,6 +166,32 @@ def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
     if len(found) == 1 and not any(name.startswith("p_") for name in known):
         return {name: f"p_{unit}" for name, (_, unit) in found.items()}
     return {name: f"p_{unit}_{bare}" for name, (bare, unit) in found.items()}
+
+
+def unitless_pressures(names: Iterable[str]) -> list[str]:
+    """Return the names of columns that say pressure and no unit, such as ``pressure_left``; not those of set points,
+    supplies and the atmosphere.
+    """
+    return [name for name in names if PRESSED.fullmatch(name) and not NOT_INSIDE.fullmatch(name)]
+
+
+def pressures_named(names: Sequence[str], unit: str, file: str) -> tuple[list[str], list[str]]:
+    """Return the column names of a table with standard names for the pressures without a unit, which are in `unit`, and
+    a sentence for the history.
+
+    Raises
+    ------
+    InputError
+        When no name says pressure without a unit.
+    """
+    bare = unitless_pressures(names)
+    if not bare:
+        raise InputError(f"{file} has no column whose name says pressure and no unit: remove pressure_unit from its "
+                         f"mapping, or name the columns by pressure = {{ columns = [...], unit = {unit!r} }}")
+    parts = {name: re.sub(r"(?i)measured|pressure|[\W_]+$|^[\W_]+", "", name).strip("_ .") for name in bare}
+    standard = {name: f"p_{unit.lower()}_{parts[name] or name}" if len(bare) > 1 else f"p_{unit.lower()}" for name in bare}
+    return [standard.get(name, name) for name in names], [
+        f"{len(bare)} column(s) are pressures in {unit}, as pressure_unit states, such as {shown(bare[0])}"]  # fmt: skip
 
 
 def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:

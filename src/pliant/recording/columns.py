@@ -27,6 +27,7 @@ from pliant.recording.column_mapping import Column, ColumnMapping, StationColumn
 from pliant.recording.column_names import PartedClock
 from pliant.recording.inclination import turning_angles
 from pliant.recording.mapping import shorten
+from pliant.recording.named_columns import completed
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
 from pliant.recording.tables import (
@@ -88,9 +89,10 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     if not mapping:
         raise InputError(f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, "
                          f"length_unit, stations or points){_listed(path)}")  # fmt: skip
+    mapping, named = completed(mapping, _first_cells(path, mapping), path.name)
     options = ColumnMapping.load(mapping, path.name)
     header, table, texts, findings = _table(path, options)
-    history = [*findings, *_unused(header, options, table)]
+    history = [*named, *findings, *_unused(header, options, table)]
     table, kept = _rows(_valid(table, texts, header, options, history), texts, header, options)
     history += kept
     whole = bool(options.stations) or options.points is not None
@@ -117,10 +119,18 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
         )  # fmt: skip
 
 
+def _first_cells(path: Path, mapping: Mapping[str, Any]) -> list[str]:
+    """Return the cells of the first row of a table behind the lines that its mapping skips."""
+    skipped, delimiter = mapping.get("skip_lines", 0), mapping.get("delimiter")
+    lines = read_text(path).split("\n")[skipped if isinstance(skipped, int) else 0 :]
+    line = next((one for one in lines if one.strip() and not one.startswith("#")), "")
+    cells = split_cells(line, delimiter_of(line, delimiter if isinstance(delimiter, str) and delimiter else None))
+    return cells[:-1] if cells[-1:] == [""] else cells
+
+
 def _listed(path: Path) -> str:
     """Return what the first row of a plain table shows of its columns, for a message."""
-    line = next((one for one in read_text(path).split("\n") if one.strip() and not one.startswith("#")), "")
-    cells = split_cells(line, delimiter_of(line, None))
+    cells = _first_cells(path, {})
     named = not any(map(holds_number, filter(None, cells)))
     return f"; they are {shorten(cells, 12)}" if named else f"; they are 0 to {len(cells) - 1}"
 
@@ -416,6 +426,7 @@ def trials_in_table(path: Path, mapping: Mapping[str, Any]) -> dict[str, dict[st
     """Return the options of each trial of a table by the trial's value in the column of `select`, where the mapping
     states no value; empty otherwise.
     """
+    mapping, _ = completed(mapping, _first_cells(path, mapping), path.name)
     options = ColumnMapping.load(mapping, path.name)
     if options.select is None or options.select.value is not None:
         return {}

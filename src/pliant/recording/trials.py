@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from pliant.recording.columns import trials_in_table
 from pliant.recording.mat import trials_in_mat
-from pliant.recording.registry import describes_columns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,4 +27,4 @@ def trials_of(path: Path, mapping: Mapping[str, Any] | None) -> dict[str, dict[s
         return {}
     if path.suffix.lower() == ".mat":
         return trials_in_mat(path, mapping)
-    return trials_in_table(path, mapping) if mapping and describes_columns(mapping) else {}
+    return trials_in_table(path, mapping) if mapping and "select" in mapping else {}

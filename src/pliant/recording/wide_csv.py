@@ -24,14 +24,16 @@ from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
 from pliant.recording.cells import with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.column_names import parted_clock, standard_names
+from pliant.recording.column_names import parted_clock, pressures_named, standard_names, unitless_pressures
 from pliant.recording.columns import changing_columns, kept_rows, read_columns, without_idle
 from pliant.recording.mapping import FileMapping, shorten
+from pliant.recording.named_columns import CLOCKS
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
-from pliant.recording.stated import Reading, Stated
+from pliant.recording.stated import WARNING, Reading, Stated
 from pliant.recording.tables import (
     find_delimiter,
+    holds_number,
     read_rows,
     read_text,
     repeated_names,
@@ -47,7 +49,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns"}
 KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 HELD = frozenset((  # variables and coordinates that a table and its metadata hold
     "time", "station", "axis", "component", "position", "quaternion", "angle", "arc_length", "pressure",
@@ -73,6 +74,7 @@ class TableMetadata(FileMapping):
     nominal_pressure: float | None = None
     rows: int | tuple[int, int] | None = None  # as pliant writes them; or [first, last] to keep
     na: list[str | float] = Field(default=[])
+    pressure_unit: str | None = None  # of columns whose names say pressure and no unit
     history: str = ""
     source: str | None = None
     source_format: str | None = None
@@ -82,11 +84,16 @@ class TableMetadata(FileMapping):
     attributes: dict[str, str | int | float] = Field(default={})
 
 
+COLUMNS_ALONE = frozenset(("rate_hz", "time", "select", "time_unit", "input_time"))
 KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
 
 def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
-    """Read a wide CSV file as a recording; the options in `mapping` replace metadata in the file."""
+    """Read a wide CSV file as a recording; the options in `mapping` replace metadata in the file. With options that
+    only a table of columns has, such as ``rate_hz``, it is read as such a table.
+    """
+    if COLUMNS_ALONE & set(mapping or {}):
+        return Reading(read_columns(path, mapping))
     lines = read_text(path).split("\n")
     metadata, start = _metadata(path, lines)
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
@@ -94,6 +101,9 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
     delimiter = find_delimiter(lines[start], path.name)
     cells = split_cells(lines[start], delimiter)
     names, unit, renamed = standard_names(cells[:-1] if cells[-1] == "" else cells, path.name)
+    if "pressure_unit" in metadata:
+        names, more = pressures_named(names, metadata["pressure_unit"], path.name)
+        renamed = [*renamed, *more]
     if fraction := None if set(CLOCKS) & set(names) else parted_clock(names):
         names[fraction.seconds] = "t"
     _check_names(names, path.name)
@@ -208,6 +218,9 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
 
 
 def _check_names(names: list[str], file: str) -> None:
+    if names and all(map(holds_number, names)):
+        raise InputError(f"the first row of {file} holds numbers and no names: give a mapping that names its columns "
+                         f"by index, 0 to {len(names) - 1}")
     if repeated := repeated_names(names):
         raise InputError(f"{file} has repeated column names: {shorten(repeated, 5)}: rename them")
     clocks = [n for n in names if n in CLOCKS]
@@ -227,6 +240,9 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     ignored = [n for n in columns if not is_known(n)]
     if ignored:
         history.append(f"{len(ignored)} column(s) of {file} have unknown names and were left out: {shorten(ignored)}")
+        if bare := unitless_pressures(ignored):
+            history.append(f"{WARNING}{len(bare)} column(s) of {file} seem to hold pressures without a unit, such as "
+                           f"{shown(bare[0])}: state pressure_unit in its mapping to read them")  # fmt: skip
         history += changing_columns({name: columns[name] for name in ignored}, file)
     arrays: dict[str, Any] = {}
     if labels:
