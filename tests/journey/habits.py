@@ -41,7 +41,7 @@ def vrpn(folder: Path) -> list[Path]:
             pose = [*tip[k], *quaternion[k]] if k not in (40, 41, 90) else [0.0] * 7
             rows.append(f"{EPOCH + micro // 10**6},{micro % 10**6}," + ",".join(f"{v:.6f}" for v in pose))
         files.append(lines(folder / f"arm_{level:.0f}.csv", rows))
-        log = [f"{round(1e3 * time) + 5210};{p / PSI:.3f}" for time, p in zip(t[::2], kpa[::2], strict=True)]
+        log = [f"{round(1e3 * time) + 5210};{p / PSI:.3f}" for time, p in zip(t, kpa, strict=True)]
         files.append(lines(folder / f"arm_{level:.0f}_log.txt", ["millis;psi", *log]))
     return files
 
@@ -132,7 +132,7 @@ def bag(folder: Path) -> list[Path]:
 
 
 def coils(folder: Path) -> list[Path]:
-    """Electromagnetic coils with words for their status, and counts of an encoder that pulls a tendon by a drum."""
+    """Electromagnetic coils with words for their status and times of day; counts of the encoder of a syringe."""
     files = []
     for level in LEVELS:
         data, quaternion = table(level), turned(level)
@@ -169,6 +169,43 @@ def bars(folder: Path) -> list[Path]:
                      *(f"{v:.6f}" for v in (*base[k], *quaternion[k])), f"{10 * row[1]:.2f}", "ok"]  # fmt: skip
             rows.append("|".join(cells) + "|")
         files.append(lines(folder / f"bench_{level:.0f}.csv", rows))
+    return files
+
+
+def film(folder: Path) -> list[Path]:
+    """Points that a program followed in a film, in pixels with y downwards, and a table of typed steps."""
+    files = []
+    for level in LEVELS:
+        data = table(level)
+        plane = 1e3 * ((data[:, 2:].reshape(-1, 2, 3) - ORIGIN) @ AXES)[..., :2]
+        pixels = np.round([640.0, 900.0] + [4.0, -4.0] * plane, 2)
+        rows = [f"{t:.3f},{b[0]},{b[1]},{p[0]},{p[1]}" for t, (b, p) in zip(TIMES, pixels, strict=True)]
+        files.append(lines(folder / f"film_{level:.0f}.csv", ["t,x_base,y_base,x_tip,y_tip", *rows]))
+        steps = ["t_s;p_kpa", "0;0", f"0.205;{level:.0f}", "0.905;0"]
+        files.append(lines(folder / f"steps_{level:.0f}.csv", steps))
+    return files
+
+
+def gratings(folder: Path) -> list[Path]:
+    """Text of an interrogator: curvatures [1/cm] of 13 gratings along a body of even curvature, times and a pressure.
+
+    The curvature rings at 4 Hz; no chain of links made it.
+    """
+    files = []
+    for level in (30, 50, 70):
+        rng, t, fine = np.random.default_rng(level), np.arange(0.0, 3.0, 0.02), np.arange(0.0, 3.0, 1e-3)
+        pressure = level * (1.0 / (1.0 + np.exp((0.5 - fine) / 0.02)) - 1.0 / (1.0 + np.exp((1.8 - fine) / 0.02)))
+        w, kappa, rate, curvature = 2 * np.pi * 4.0, 0.0, 0.0, []
+        for p in pressure.tolist():
+            curvature.append(kappa)
+            rate += 1e-3 * (w * w * (0.08 * p - kappa) - 2 * 0.08 * w * rate)
+            kappa += 1e-3 * rate
+        seen = np.interp(t, fine, curvature)[:, None] + 0.02 * rng.standard_normal((t.size, 13))
+        names = ["Time (s)", *(f"Curvature {s} mm" for s in range(0, 121, 10)), "Line (kPa)"]
+        rows = ["\t".join([f"{time:.2f}", *(f"{0.01 * k:.6f}" for k in row), f"{p:.3f}"])
+                for time, row, p in zip(t, seen, np.interp(t, fine, pressure), strict=True)]  # fmt: skip
+        head = ["Interrogator: 13 gratings", "Fibre length (mm): 120", "\t".join(names)]
+        files.append(lines(folder / f"fbg_{level}kPa.txt", [*head, *rows]))
     return files
 
 

@@ -189,9 +189,10 @@ def pressures_named(names: Sequence[str], unit: str, file: str) -> tuple[list[st
         raise InputError(f"{file} has no column whose name says pressure and no unit: remove pressure_unit from its "
                          f"mapping, or name the columns by pressure = {{ columns = [...], unit = {unit!r} }}")
     parts = {name: re.sub(r"(?i)measured|pressure|[\W_]+$|^[\W_]+", "", name).strip("_ .") for name in bare}
-    standard = {name: f"p_{unit.lower()}_{parts[name] or name}" if len(bare) > 1 else f"p_{unit.lower()}" for name in bare}
-    return [standard.get(name, name) for name in names], [
-        f"{len(bare)} column(s) are pressures in {unit}, as pressure_unit states, such as {shown(bare[0])}"]  # fmt: skip
+    several = len(bare) > 1
+    standard = {name: f"p_{unit.lower()}" + f"_{parts[name] or name}" * several for name in bare}
+    finding = f"{len(bare)} column(s) are pressures in {unit}, as pressure_unit states, such as {shown(bare[0])}"
+    return [standard.get(name, name) for name in names], [finding]
 
 
 def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:

@@ -24,18 +24,19 @@ def completed(mapping: Mapping[str, Any], cells: Sequence[str], file: str) -> tu
     Stations are added if the mapping describes neither a shape nor a log, which has a time of its own.
     """
     options = dict(mapping)
-    untimed = not {"time", "rate_hz"} & set(options)
+    camera = options.get("camera")
+    untimed = not {"time", "rate_hz"} & set(options) and not (isinstance(camera, Mapping) and "rate_hz" in camera)
     shapeless = not any(options.get(name) for name in SHAPES)
     alone = not untimed and (options.get("pressure") is not None or bool(options.get("inputs")))
     if any(map(holds_number, filter(None, cells))) or options.get("header") is False or not (untimed or shapeless):
         return options, []
     renamed = standard_names(list(cells), file)
     history = []
-    if untimed and "camera" not in options:
+    if untimed:
         options |= clock_of(renamed.names, cells)
     if shapeless and not alone and (stations := stations_of(renamed.names, cells)):
         options["stations"] = stations
-        if "camera" not in options:
+        if camera is None:
             options.setdefault("length_unit", renamed.length_unit or "m")
         history.append(f"stations of {file} by the names of its columns: {', '.join(stations)}")
     return options, history

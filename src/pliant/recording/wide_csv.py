@@ -84,7 +84,7 @@ class TableMetadata(FileMapping):
     attributes: dict[str, str | int | float] = Field(default={})
 
 
-COLUMNS_ALONE = frozenset(("rate_hz", "time", "select", "time_unit", "input_time"))
+COLUMNS_ALONE = frozenset(("rate_hz", "time", "select", "time_unit", "input_time", "camera"))
 KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
 
