@@ -91,6 +91,10 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
                          f"length_unit, stations or points){_listed(path)}")  # fmt: skip
     mapping, named = completed(mapping, _first_cells(path, mapping), path.name)
     options = ColumnMapping.load(mapping, path.name)
+    if options.select is not None and options.select.value is None:
+        raise InputError(f"select in the mapping for {path.name} has no value: state which trial to read, such as "
+                         f"select = {{ column = {options.select.column!r}, value = 1 }}; `pliant new` makes a recording "
+                         "of each")  # fmt: skip
     header, table, texts, findings = _table(path, options)
     history = [*named, *findings, *_unused(header, options, table)]
     table, kept = _rows(_valid(table, texts, header, options, history), texts, header, options)
@@ -279,9 +283,6 @@ def _rows(
     history, file = [], header.file
     if options.select is not None:
         column, value = options.select.column, options.select.value
-        if value is None:
-            raise InputError(f"select in the mapping for {file} has no value: state which trial to read, such as "
-                             f"select = {{ column = {column!r}, value = 1 }}; `pliant new` makes a recording of each")
         worded = isinstance(value, str)
         values = texts[header.index(column)] if worded else table[:, header.index(column)]
         keep = values == value
