@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from small_study import AXES, LEVELS_KPA, ORIGIN, TIMES, table
+from small_study import AXES, LEVELS_KPA, ORIGIN, TIMES, body, table
+
+from pliant.simulation import Trace, simulate
 
 LENGTH, MASS = 0.12, 0.05
 TANGENT = AXES[:, 1]
@@ -174,15 +176,19 @@ def bars(folder: Path) -> list[Path]:
 
 def film(folder: Path) -> list[Path]:
     """Points that a program followed in a film, in pixels with y downwards, and a table of typed steps."""
-    files = []
+    files, frames = [], np.arange(0.0, 4.0, 0.02)
     for level in LEVELS:
-        data = table(level)
-        plane = 1e3 * ((data[:, 2:].reshape(-1, 2, 3) - ORIGIN) @ AXES)[..., :2]
-        pixels = np.round([640.0, 900.0] + [4.0, -4.0] * plane, 2)
-        rows = [f"{t:.3f},{b[0]},{b[1]},{p[0]},{p[1]}" for t, (b, p) in zip(TIMES, pixels, strict=True)]
+        begins, typed = np.array([0.5, 1.4, 2.0, 3.1]), level * np.array([1.0, 0.4, 0.8, 0.0])
+        times = np.column_stack([begins, begins + 0.01]).ravel()
+        trace = Trace(times, 1e3 * np.repeat(np.concatenate([[0.0], typed]), 2)[1:-1])
+        tip = simulate(body(), trace, times=frames, time_step=5e-4)["station_position"].values[:, 0]
+        noise = 0.1 * np.random.default_rng(int(level)).standard_normal((len(frames), 4))
+        places = np.column_stack([np.zeros((len(frames), 2)), 1e3 * tip])
+        pixels = np.round(np.array([640.0, 900.0] * 2) + np.array([4.0, -4.0] * 2) * places + noise, 2)
+        rows = [f"{t:.3f}," + ",".join(map(str, p)) for t, p in zip(frames, pixels.tolist(), strict=True)]
         files.append(lines(folder / f"film_{level:.0f}.csv", ["t,x_base,y_base,x_tip,y_tip", *rows]))
-        steps = ["t_s;p_kpa", "0;0", f"0.205;{level:.0f}", "0.905;0"]
-        files.append(lines(folder / f"steps_{level:.0f}.csv", steps))
+        steps = [f"{t:.3f};{p:.0f}" for t, p in zip([0.0, *begins], [0.0, *typed], strict=True)]
+        files.append(lines(folder / f"steps_{level:.0f}.csv", ["t_s;p_kpa", *steps]))
     return files
 
 

@@ -32,6 +32,7 @@ class Journey(NamedTuple):
     answers: Mapping[str, str] = MappingProxyType({})
     says: str = ""
     held_out: str = ""
+    error: float | None = None  # % that a study made by hand reaches with these sensors; None: that of `by_hand`
 
 
 JOURNEYS = {
@@ -40,7 +41,7 @@ JOURNEYS = {
     "motive": Journey('pressure = ["ai0"]\npressure_unit = "kPa"\nscale = 0.05\nzero = 512', ".tdms",
                       held_out="take_90"),
     "matlab": Journey('struct = "train"\nlength_unit = "mm"\npressure = "p"\npressure_unit = "bar"', held_out="arm_2"),
-    "bag": Journey('[linear.pressure]\noffset = -101.325\nunit = "kPa"', held_out="arm_90"),
+    "bag": Journey('[linear.pressure]\noffset = -101.325\nunit = "kPa"', held_out="arm_90", error=0.69),
     "coils": Journey(
         'time = "Time"\nna = ["MISSING"]\nlength_unit = "mm"\n'
         'pressure = { columns = ["Encoder"], unit = "kPa", scale = 0.01, zero = 2048 }\n'
@@ -49,7 +50,7 @@ JOURNEYS = {
         says="drop-outs: tip 4", held_out="coil_90"),
     "bars": Journey(says="jumps of orientation", held_out="bench_90"),
     "film": Journey("camera = { pixels_per_mm = 4.0 }", "film", says="typed steps", held_out="film_90"),
-    "gratings": Journey('skip_lines = 2\ncurvature = "Curvature "\ncurvature_unit = "1/cm"', held_out="fbg_50kPa"),
+    "gratings": Journey('curvature = "Curvature "\ncurvature_unit = "1/cm"', held_out="fbg_50kPa", error=3.1),
     "sessions": Journey(
         'rate_hz = 1\nlength_unit = "mm"\nstations = { tip = { position = [3, 4, 5] } }\n'
         'inputs = { columns = [0, 1, 2], kind = "angle", unit = "deg", scale = 0.1125 }', says="lever"),
@@ -118,4 +119,4 @@ def test_the_drafts_prediction_is_nearly_that_of_a_study_made_by_hand(tmp_path, 
         text = text.replace(f'{entry} = "?"', f"{entry} = {value}")
     study.write_text(text)
     error = errors_of(study, tmp_path / "out")[JOURNEYS[name].held_out]
-    assert error < (4.0 if name == "gratings" else MOST_ERROR * by_hand)
+    assert error < MOST_ERROR * (JOURNEYS[name].error or by_hand)

@@ -43,7 +43,7 @@ def test_each_file_takes_the_options_of_the_longest_name_that_fits(tmp_path):
     for wrong in ({"files": 3}, {"files": {"a": 3}}):
         with pytest.raises(InputError, match="must hold a table for each kind"):
             options_of(Path("a.csv"), wrong)
-    with pytest.raises(InputError, match="for files named 'lgo', but no file is: a.csv"):
+    with pytest.raises(InputError, match=r"for files named 'lgo', but no file is: a.csv"):
         refuse_idle({"files": {"lgo": {}}}, [Path("a.csv")])
     with pytest.raises(InputError, match=r"several mappings have no name: .* --mapping track=track.toml"):
         joined_mappings([("", {}), ("", {})])

@@ -114,8 +114,8 @@ class ColumnMapping(FileMapping):
         white space.
     header : bool, optional
         Whether the first row holds the names of the columns. Default: whether it holds texts and no number.
-    skip_lines : int
-        Lines before the table.
+    skip_lines : int, optional
+        Lines before the table. Default: those with at most half as many cells as its rows.
     time : column or two columns, optional
         Column of time in `time_unit`, or a column of seconds and one of their fraction in `time_unit`. Times of day,
         such as 10:11:12.5, are read as they are. Without it `rate_hz` is needed.
@@ -151,7 +151,7 @@ class ColumnMapping(FileMapping):
 
     delimiter: str | None = None
     header: bool | None = None
-    skip_lines: int = Field(default=0, ge=0)
+    skip_lines: int | None = Field(default=None, ge=0)
     time: Column | tuple[Column, Column] | None = None
     input_time: Column | None = None
     na: list[str | float] = Field(default=[])

@@ -36,6 +36,7 @@ from pliant.recording.tables import (
     holds_number,
     judge_end,
     parse_numbers,
+    preamble_of,
     read_text,
     split_cells,
     without_text,
@@ -92,9 +93,9 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     mapping, named = completed(mapping, _first_cells(path, mapping), path.name)
     options = ColumnMapping.load(mapping, path.name)
     if options.select is not None and options.select.value is None:
+        example = f"select = {{ column = {options.select.column!r}, value = 1 }}"
         raise InputError(f"select in the mapping for {path.name} has no value: state which trial to read, such as "
-                         f"select = {{ column = {options.select.column!r}, value = 1 }}; `pliant new` makes a recording "
-                         "of each")  # fmt: skip
+                         f"{example}; `pliant new` makes a recording of each")
     header, table, texts, findings = _table(path, options)
     history = [*named, *findings, *_unused(header, options, table)]
     table, kept = _rows(_valid(table, texts, header, options, history), texts, header, options)
@@ -125,8 +126,9 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
 
 def _first_cells(path: Path, mapping: Mapping[str, Any]) -> list[str]:
     """Return the cells of the first row of a table behind the lines that its mapping skips."""
-    skipped, delimiter = mapping.get("skip_lines", 0), mapping.get("delimiter")
-    lines = read_text(path).split("\n")[skipped if isinstance(skipped, int) else 0 :]
+    skipped, delimiter = mapping.get("skip_lines"), mapping.get("delimiter")
+    lines = read_text(path).split("\n")
+    lines = lines[skipped if isinstance(skipped, int) else preamble_of(lines) :]
     line = next((one for one in lines if one.strip() and not one.startswith("#")), "")
     cells = split_cells(line, delimiter_of(line, delimiter if isinstance(delimiter, str) and delimiter else None))
     return cells[:-1] if cells[-1:] == [""] else cells
@@ -144,11 +146,12 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
     mapping uses as texts, and sentences for the history.
     """
     lines = read_text(path).split("\n")
-    first = options.skip_lines
+    first = preamble_of(lines) if options.skip_lines is None else options.skip_lines
+    above = [f"{first} line(s) above the table of {path.name} were skipped"] if first and not options.skip_lines else []
     while first < len(lines) and (not lines[first].strip() or lines[first].startswith("#")):
         first += 1
     if first >= len(lines):
-        raise InputError(f"{path.name} has no table row after its first {options.skip_lines} line(s): reduce "
+        raise InputError(f"{path.name} has no table row after its first {first} line(s): reduce "
                          "skip_lines in the mapping")
     delimiter, name = delimiter_of(lines[first], options.delimiter), path.name
     cells = split_cells(lines[first], delimiter)
@@ -172,7 +175,7 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
         findings += clock
     rows = without_text(rows, delimiter, used - worded, header.width, header=named, words=worded)
     table = parse_numbers(rows, name=name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
-    return header, table, texts, [*findings, *cut]
+    return header, table, texts, [*above, *findings, *cut]
 
 
 def delimiter_of(line: str, stated: str | None) -> str | None:

@@ -52,6 +52,7 @@ BUILT_IN = {  # name -> the reader and the endings of its files: only readers of
 }
 ENDINGS = {name: endings for name, (_, endings) in BUILT_IN.items()}
 
+KEYS = {"curvature": {"curvature_unit", "curvature", "components"}}  # of a mapping, which name the format of the file
 MARKS = {  # words anywhere in the first bytes that show which program wrote a file
     "deeplabcut": (b"scorer", b"bodyparts", b"coords"),
     "sleap": (b"track_occupancy",),
@@ -240,6 +241,8 @@ def describes_columns(mapping: Mapping[str, Any]) -> bool:
 def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: str | None) -> Reader:
     if path.is_dir():
         name = "bag"
+    if name is None and mapping is not None:
+        name = next((one for one, keys in KEYS.items() if keys & set(mapping)), None)
     if name is None and mapping is not None and describes_columns(mapping):
         name = "columns"
     if name is not None:

@@ -27,6 +27,7 @@ MISSING = ("", "nan", "NaN", "NAN", "null", "NA")
 # narrower than float(), which also takes 1_000 and digits of other scripts
 NUMBER = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|infinity)", re.IGNORECASE)
 DELIMITERS = (";", "\t", "|", ",")  # the first of them in a header line is its delimiter
+MOST_PREAMBLE = 200  # lines in which a table begins
 COMPARED_ROWS = 200  # rows before the last one that say how many digits a number has
 LONGEST_LINE = 4_000_000  # characters; a longer first line is no header
 
@@ -58,6 +59,22 @@ def find_delimiter(line: str, name: str) -> str:
         if delimiter in line:
             return delimiter
     return ","
+
+
+def preamble_of(lines: Sequence[str], delimiter: str | None = None) -> int:
+    """Return the number of lines before a table, such as a title and a date: those above the first row that the two
+    rows below equal in their number of cells, if no row above has more than half as many. 0 if there is no such row.
+
+    `delimiter` is that of the table; by default the first of `DELIMITERS` in the row.
+    """
+    first = [k for k, line in enumerate(lines[:MOST_PREAMBLE]) if line.strip() and not line.startswith("#")]
+    for place, k in enumerate(first[:-2]):
+        mark = delimiter or next((one for one in DELIMITERS if one in lines[k]), None)
+        width, *below = (count_cells(lines[row], mark) for row in first[place : place + 3])
+        if width > 1 and below == [width, width]:
+            above = [count_cells(lines[row], mark) for row in first[:place]]
+            return k if all(2 * count <= width for count in above) else 0
+    return 0
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:

@@ -34,6 +34,7 @@ from pliant.recording.stated import WARNING, Reading, Stated
 from pliant.recording.tables import (
     find_delimiter,
     holds_number,
+    preamble_of,
     read_rows,
     read_text,
     repeated_names,
@@ -84,6 +85,7 @@ class TableMetadata(FileMapping):
     attributes: dict[str, str | int | float] = Field(default={})
 
 
+BENT = re.compile(r"(?:curvature|curv|kappa)", re.IGNORECASE)  # beginning of names of curvatures
 COLUMNS_ALONE = frozenset(("rate_hz", "time", "select", "time_unit", "input_time", "camera"))
 KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
@@ -116,6 +118,8 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
         table[:, fraction.seconds] = fraction.joined(table)
         names.pop(fraction.fraction)
         table = np.delete(table, fraction.fraction, axis=1)
+    above = sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in lines[:start])
+    findings += [f"{above} line(s) above the table of {path.name} were skipped"] if above else []
     findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
     rows = metadata.get("rows")
     if isinstance(rows, tuple):
@@ -200,6 +204,7 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
     start = next((i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] != "#"), None)
     if start is None:
         raise InputError(f"{path.name} holds only comments, no header and no rows: copy or export it again")
+    start = max(start, preamble_of(lines))
     text = next((c for c in (line.lstrip()[1:].strip() for line in lines[:start]) if c.startswith("{")), "")
     origin = "its comment line"
     sidecar = path.with_suffix(".json")
@@ -240,6 +245,10 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     ignored = [n for n in columns if not is_known(n)]
     if ignored:
         history.append(f"{len(ignored)} column(s) of {file} have unknown names and were left out: {shorten(ignored)}")
+        if len(bent := [name for name in ignored if BENT.match(name)]) > 1:
+            history.append(f"{WARNING}{len(bent)} column(s) of {file} seem to hold curvatures, such as "
+                           f"{shown(bent[0])}: state curvature (the beginning of these names) and curvature_unit in "
+                           "its mapping")  # fmt: skip
         if bare := unitless_pressures(ignored):
             history.append(f"{WARNING}{len(bare)} column(s) of {file} seem to hold pressures without a unit, such as "
                            f"{shown(bare[0])}: state pressure_unit in its mapping to read them")  # fmt: skip
@@ -396,7 +405,8 @@ def _recognises(head: bytes) -> bool:
 def read_text_table(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading | xr.Dataset:
     """Read a text table by a mapping of its columns or, without one, as a wide CSV if its first row names the time."""
     if not mapping:
-        line = next((one for one in read_text(path).split("\n") if one.strip() and not one.startswith("#")), "")
+        lines = read_text(path).split("\n")
+        line = next((one for one in lines[preamble_of(lines) :] if one.strip() and not one.startswith("#")), "")
         names = split_cells(line, find_delimiter(line, path.name))
         if any(name in CLOCKS for name in standard_names(names, path.name).names):
             return read_wide_csv(path)
