@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 INPUT_SI = {"tension": newton_per, "displacement": metre_per, "angle": radian_per}
 POSITIONS = "positions of the stations"  # name of the array that joins those of the stations
+RATES = ("rate_hz", "frame_rate", "sample_rate", "sampling_rate", "fs")  # usual names of a frame rate [Hz]
 USUAL_NAMES = {
     "time": ("time", "t"),
     "position": ("position", "positions", "xyz", "points"),
@@ -109,7 +110,8 @@ def recording_from_arrays(
     if position is None and found["strain"] is None and pressure is None and not inputs:
         raise InputError(f"{file} holds no position, strain or pressure under a usual name: name them in the "
                          f"mapping. Its arrays are: {_listing(arrays)}")
-    time, log_time = _clock(found, position, options, file), found["pressure_time"]
+    rated = options if found["time"] is not None else _with_rate(options, arrays)
+    time, log_time = _clock(found, position, rated, file), found["pressure_time"]
     shapeless = position is None and found["strain"] is None
     with inside(file):
         return make_recording(
@@ -120,6 +122,21 @@ def recording_from_arrays(
             strain=found["strain"], gauge_position=_scaled(found["gauge_position"], scale), nominal_pressure=level,
             arc_length=_scaled(found["arc_length"], scale), history=history,
         )  # fmt: skip
+
+
+def trials_in_arrays(
+    arrays: Mapping[str, Any], mapping: Mapping[str, Any] | None, file: str
+) -> dict[str, dict[str, Any]]:
+    """Return the options of each trial of a file whose positions have the trials as an additional first dimension, by
+    the number of the trial; empty for any other file, or where the mapping states the trial.
+    """
+    options = ArrayMapping.load(mapping, file)
+    if options.trial is not None or isinstance(options.position, dict):
+        return {}
+    position = _find(arrays, "position", options.position, file)
+    if position is None or position.ndim != 4:
+        return {}
+    return {str(k): {**(mapping or {}), "trial": k} for k in range(len(position))}
 
 
 def _by_station(
@@ -181,7 +198,7 @@ def _one_trial(
 def _unused(
     arrays: Mapping[str, Any], options: ArrayMapping, pressure: str | None, others: Sequence[str], file: str
 ) -> list[str]:
-    used = {pressure, options.actuation}
+    used = {pressure, options.actuation, *RATES}
     idle = ("pressure_time",) if pressure is None else ()
     for role, names in USUAL_NAMES.items():
         if role in idle:
@@ -260,8 +277,17 @@ def _ordered(position: NDArray, order: str, file: str) -> NDArray:
         position = np.expand_dims(position, order.index("s"))
     if position.ndim != 3:
         raise InputError(f"position in {file} must have 2 or 3 dimensions, but its shape is {position.shape}: store "
-                         "it as (frames, stations, axes), or set trial in the mapping")
+                         "it as (frames, stations, axes). If its first dimension is the trial, set trial = 0 in the "
+                         "mapping; `pliant new` makes a recording of each")
     return np.transpose(position, [order.index(letter) for letter in "tsa"])
+
+
+def _with_rate(options: ArrayMapping, arrays: Mapping[str, Any]) -> ArrayMapping:
+    """Return the options with the frame rate that a file states under a usual name, where the mapping states none."""
+    rates = [float(np.ravel(arrays[name])[0]) for name in RATES if name in arrays and np.size(arrays[name]) == 1]
+    if options.rate_hz is not None or len(rates) != 1 or not rates[0] > 0:
+        return options
+    return options.model_copy(update={"rate_hz": rates[0]})
 
 
 def _clock(found: Mapping[str, Any], position: Any, options: ArrayMapping, file: str) -> NDArray | None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from pliant.recording.arrays import trials_in_arrays
 from pliant.recording.columns import trials_in_table
 from pliant.recording.mat import trials_in_mat
+from pliant.recording.npz import arrays_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,7 +18,8 @@ def trials_of(path: Path, mapping: Mapping[str, Any] | None) -> dict[str, dict[s
     """Return the options by which each trial of a file is read, by the name of the trial; empty for a file with one.
 
     A table holds several trials if its mapping has ``select`` without a value. A MATLAB file does if ``struct`` of its
-    mapping names an array of structs or, without a mapping, if it has one array of structs with usual names.
+    mapping names an array of structs or, without a mapping, if it has one array of structs with usual names. An .npz
+    file does if its positions have four dimensions.
 
     Raises
     ------
@@ -27,4 +30,6 @@ def trials_of(path: Path, mapping: Mapping[str, Any] | None) -> dict[str, dict[s
         return {}
     if path.suffix.lower() == ".mat":
         return trials_in_mat(path, mapping)
+    if path.suffix.lower() == ".npz":
+        return trials_in_arrays(arrays_of(path), mapping, path.name)
     return trials_in_table(path, mapping) if mapping and "select" in mapping else {}

@@ -359,7 +359,7 @@ def recording(out: Lines, trial: Trial, folder: Path, level: float | None) -> No
         if kind == "step":
             out.put("excitation", "step", "the body does not return, so the end of the pulse was not recorded")
         stated = level is not None
-        value, origin = (level, "as you stated") if stated else (trial.highest_pa, "from the name of the file")
+        value, origin = (level, "as you stated") if stated else (trial.highest_pa, "from the file or its name")
         out.ask("nominal_pressure", f"kPa gauge, the pressure level of the {kind} in {trial.path.name}",
                 None if value is None else value / 1e3, origin)
         out.put("pressure_unit", "kPa")

@@ -170,11 +170,13 @@ class Trial:
 
     @property
     def highest_pa(self) -> float | None:
-        """Return the measured pressure farthest from 0 [Pa] or, if none was measured, the pressure stated in the file's
-        name, such as 60 kPa in "pulse_60kPa". Return None if neither is known.
+        """Return the measured pressure farthest from 0 [Pa] or, if none was measured, the nominal pressure in the file
+        or in its name, such as 60 kPa in "pulse_60kPa". Return None if none is known.
         """
         if "pressure" in self.recording:
             return peak(self.recording["pressure"].values)
+        if "nominal_pressure" in self.recording.attrs:
+            return float(self.recording.attrs["nominal_pressure"])
         named = LEVEL.search(self.path.stem)
         return float(named[1]) * pascal_per(named[2]) if named else None
 
