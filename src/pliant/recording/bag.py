@@ -116,10 +116,10 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
         {n: t for n, t in topics.items() if t.rows.shape[2] == 7 and t.kind != IMU}), facts["unread"], path.name)
     turning = bool(options.angles) or not stations
     if turning:
-        stations = chosen(topics, options.angles, last_parts({n: t for n, t in topics.items() if t.kind == IMU}),
-                          facts["unread"], path.name)  # fmt: skip
-    pressures = chosen(topics, options.pressure, last_parts({n: t for n, t in topics.items() if t.kind == FLUID}),
-                       facts["unread"], path.name)  # fmt: skip
+        sensors = last_parts({n: t for n, t in topics.items() if t.kind == IMU})
+        stations = chosen(topics, options.angles, sensors, facts["unread"], path.name)
+    fluids = last_parts({n: t for n, t in topics.items() if t.kind == FLUID})
+    pressures = chosen(topics, options.pressure, fluids, facts["unread"], path.name)
     if not stations and not pressures:
         listed = "; ".join([shorten([*topics, *facts["others"]]) or "none", *unread])
         raise InputError(f"{path.name} has no topic of poses, points, Imu or FluidPressure: name the topics in its "
@@ -135,9 +135,7 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     left = [*(n for n, t in topics.items() if not any(t is u for u in (*stations.values(), *pressures.values()))),
             *facts["others"]]  # fmt: skip
     history += [f"{len(left)} topic(s) of {path.name} were not used: {shorten(left)}"] if left else []
-    transformed: list[str] = []
-    if not turning:
-        stations, transformed = placed(stations, options, facts["transforms"], path.name)
+    stations, transformed = (stations, []) if turning else placed(stations, options, facts["transforms"], path.name)
     arrays_of, findings = frames_of(stations, origin, metre_per(options.length_unit), path.name)
     if turning and stations:
         arrays_of, more = turned(arrays_of, stations, options, path.name)

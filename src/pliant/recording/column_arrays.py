@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pliant.errors import InputError, clipped
 from pliant.recording.arrays import INPUT_SI
+from pliant.recording.mapping import shorten
 from pliant.units import metre_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
@@ -15,9 +17,39 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from pliant.recording.column_mapping import ColumnMapping, EulerColumns, PressureColumns, StationColumns
-    from pliant.recording.columns import ColumnHeader
+    from pliant.recording.column_mapping import Column, ColumnMapping, EulerColumns, PressureColumns, StationColumns
 
+
+
+class ColumnHeader:
+    """Header of a table: its file name, its column names (empty where the first row holds numbers) and the number of
+    columns.
+    """
+
+    def __init__(self, names: list[str], width: int, file: str) -> None:
+        self.names, self.width, self.file = names, width, file
+        self.where: dict[str, list[int]] = defaultdict(list)
+        for k, name in enumerate(names):
+            self.where[name].append(k)
+
+    def index(self, column: Column) -> int:
+        """Return the index of a table column that is given by index or name; raise InputError where none or several
+        match.
+        """
+        if isinstance(column, str):
+            held = self.where.get(column, [])
+            if not held:
+                available = shorten(self.names, 40) or "none, since its first row holds numbers: use indices from 0"
+                raise InputError(f"{self.file} has no column {clipped(column)!r}: correct the mapping; available: "
+                                 f"{available}")
+            if len(held) > 1:
+                raise InputError(f"{self.file} has {len(held)} columns named {clipped(column)!r}: give the index of "
+                                 "one in the mapping")
+            return held[0]
+        if not 0 <= column < self.width:
+            raise InputError(f"{self.file} has no column {column}, since its columns are 0 to {self.width - 1}: "
+                             "correct the mapping")
+        return column
 
 
 def station_arrays(

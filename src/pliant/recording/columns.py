@@ -13,7 +13,6 @@ the first row holds names, by name. Example::
 
 from __future__ import annotations
 
-from collections import defaultdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
 from pliant.recording.cells import cells_of, is_one_of, with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.column_arrays import calibrated, input_arrays, pressure_arrays, station_arrays
+from pliant.recording.column_arrays import ColumnHeader, calibrated, input_arrays, pressure_arrays, station_arrays
 from pliant.recording.column_mapping import Column, ColumnMapping, StationColumns
 from pliant.recording.column_names import PartedClock
 from pliant.recording.inclination import turning_angles
@@ -52,37 +51,6 @@ if TYPE_CHECKING:
 
 
 CHANGING = "left-out column(s)"  # begins the sentence on columns that a mapping forgot
-
-
-class ColumnHeader:
-    """Header of a table: its file name, its column names (empty where the first row holds numbers) and the number of
-    columns.
-    """
-
-    def __init__(self, names: list[str], width: int, file: str) -> None:
-        self.names, self.width, self.file = names, width, file
-        self.where: dict[str, list[int]] = defaultdict(list)
-        for k, name in enumerate(names):
-            self.where[name].append(k)
-
-    def index(self, column: Column) -> int:
-        """Return the index of a table column that is given by index or name; raise InputError where none or several
-        match.
-        """
-        if isinstance(column, str):
-            held = self.where.get(column, [])
-            if not held:
-                available = shorten(self.names, 40) or "none, since its first row holds numbers: use indices from 0"
-                raise InputError(f"{self.file} has no column {clipped(column)!r}: correct the mapping; available: "
-                                 f"{available}")
-            if len(held) > 1:
-                raise InputError(f"{self.file} has {len(held)} columns named {clipped(column)!r}: give the index of "
-                                 "one in the mapping")
-            return held[0]
-        if not 0 <= column < self.width:
-            raise InputError(f"{self.file} has no column {column}, since its columns are 0 to {self.width - 1}: "
-                             "correct the mapping")
-        return column
 
 
 def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:

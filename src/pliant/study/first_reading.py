@@ -64,7 +64,7 @@ WORD = re.compile(r"[a-z]+|[0-9]+")
 LOGS = (".csv", ".txt", ".tsv", ".log", ".dat", ".mat", ".npz", ".lvm", ".tdms", ".mcap", ".db3")
 
 
-class Pair(NamedTuple):
+class WithLog(NamedTuple):
     """A file that holds a shape, the file of its inputs alone (None: no such file), the options of both files, and the
     name of the trial if the file of the shape holds several.
     """
@@ -76,7 +76,7 @@ class Pair(NamedTuple):
     trial: str = ""
 
 
-def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -> list[Pair]:
+def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -> list[WithLog]:
     """Pair each file that holds a shape with the file that holds its inputs alone, if there is one.
 
     A log belongs to the recording whose name begins with the log's name, or the reverse (of several, the longest);
@@ -90,7 +90,7 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
     """
     refuse_idle(mapping, files)
     logs = {file: options for file in files if (options := inputs_alone(file, options_of(file, mapping))) is not None}
-    pairs = {file: Pair(file, options_of(file, mapping)) for file in files if file not in logs}
+    pairs = {file: WithLog(file, options_of(file, mapping)) for file in files if file not in logs}
     for log, options in logs.items():
         shape = shape_of(log, [*pairs])
         if shape is None or pairs[shape].log is not None:
@@ -102,7 +102,7 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
     return [one for pair in pairs.values() for one in by_trial(pair)]
 
 
-def by_trial(pair: Pair) -> list[Pair]:
+def by_trial(pair: WithLog) -> list[WithLog]:
     """Return a pair for each trial in the file of the shape, or the pair alone if the file holds one."""
     trials = trials_of(pair.shape, pair.options)
     if trials and pair.log is not None:

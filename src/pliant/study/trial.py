@@ -35,6 +35,7 @@ from pliant.units import PASCAL, pascal_per
 
 LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
 NUMBERED = re.compile(r"(.*?)[ _.:-]*\d+")  # "Tip - 1" belongs to "Tip"
+UNNAMED = re.compile(r"s\d+")  # names of stations that have none in the file
 RIGID_SHARE, RIGID_M = 0.02, 1e-3  # permitted change of distances within a rigid part, relative and in metres
 LINE = 0.15  # markers narrower than this fraction of their length lie along a body, not on a plate
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
@@ -306,8 +307,11 @@ def clusters(names: Sequence[str]) -> dict[str, list[str]]:
 
 def one_body(names: Sequence[str]) -> dict[str, list[str]]:
     """Return one group of all markers if their names differ by numbers alone, such as ``Tip - 1``, ``Tip - 2`` and
-    ``Tip - 3``; otherwise an empty dict. At least three markers are needed.
+    ``Tip - 3``; otherwise an empty dict. At least three markers are needed. Names such as ``s000`` are given by a
+    reader and say nothing of a plate.
     """
+    if all(UNNAMED.fullmatch(name) for name in names):
+        return {}
     labels = {match[1].strip(" _.:-").lower() if (match := NUMBERED.fullmatch(name)) else name for name in names}
     label = re.sub(r"[^a-z0-9]+", "_", labels.pop()) or "body"
     return {label: list(names)} if not labels and len(names) >= 3 else {}
