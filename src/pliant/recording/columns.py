@@ -22,7 +22,7 @@ from pliant.recording.camera import in_plane
 from pliant.recording.cells import cells_of, is_one_of, with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_arrays import ColumnHeader, calibrated, input_arrays, pressure_arrays, station_arrays
-from pliant.recording.column_mapping import Column, ColumnMapping, StationColumns
+from pliant.recording.column_mapping import Column, ColumnMapping, InputColumns, PressureColumns, StationColumns
 from pliant.recording.column_names import PartedClock
 from pliant.recording.inclination import turning_angles
 from pliant.recording.mapping import shorten
@@ -83,7 +83,8 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
             more.append(how)
     else:
         arrays, more = _turning(shape, header, options) if options.angles else ({}, [])
-    for group in (*([options.pressure] if options.pressure else []), *options.inputs):
+    groups: list[PressureColumns | InputColumns] = [*options.inputs, *([options.pressure] if options.pressure else [])]
+    for group in groups:
         history += calibrated(group.columns, group.scale, group.zero, group.unit)
     with inside(path.name):
         return make_recording(
@@ -285,7 +286,7 @@ def kept_rows(table: NDArray, rows: tuple[int, int], file: str) -> tuple[NDArray
     return table[first:last], history
 
 
-def _word(value: float | str) -> str:
+def _word(value: float | str | None) -> str:
     return clipped(value) if isinstance(value, str) else f"{value:g}"
 
 
