@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.recording import read
+from pliant.recording.apart_bag import inertial
 from pliant.recording.apart_mat5 import Variables
+from pliant.recording.bag import last_parts
 from pliant.recording.inclination import turning_angles
 from pliant.recording.mat import fields_of, in_round_brackets
 from pliant.recording.per_file import joined_mappings, options_of, refuse_idle
 from pliant.recording.trials import trials_of
-from pliant.study.first_reading import shape_of
+from pliant.study.first_reading import shape_of, with_logs
 
 TIP = {"rate_hz": 10, "length_unit": "mm", "stations": {"tip": {"position": ["x", "y", "z"]}}}
 
@@ -264,3 +267,55 @@ def test_accelerations_in_a_table_become_angles(tmp_path):
     np.testing.assert_allclose(recording["angle"].values[:, 0], angle, atol=1e-5)
     with pytest.raises(InputError, match="angles need one column for each station, or the 3"):
         read(path, mapping={"time": "t", "angles": {"tip": ["ax", "ay"]}})
+
+
+def test_what_an_inertial_message_marks_as_not_measured_is_a_gap():
+    vector = SimpleNamespace(x=1.0, y=2.0, z=3.0)
+    turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    nine = np.zeros(9)
+    message = SimpleNamespace(linear_acceleration=vector, linear_acceleration_covariance=nine, orientation=turn,
+                              orientation_covariance=nine)  # fmt: skip
+    assert inertial(message) == [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]
+    message.orientation_covariance = np.array([-1.0, *nine[1:]])
+    assert np.isnan(inertial(message)).tolist() == [False] * 3 + [True] * 4
+    message.linear_acceleration_covariance = message.orientation_covariance
+    assert np.isnan(inertial(message)).all()
+
+
+def test_topics_with_equal_ends_are_named_by_more_of_their_names():
+    assert last_parts(dict.fromkeys(("/tip/imu", "/base/imu", "/valve"))) == {
+        "tip_imu": "/tip/imu", "base_imu": "/base/imu", "valve": "/valve"}  # fmt: skip
+
+
+def test_a_folder_for_each_trial_names_the_recordings(tmp_path):
+    for trial, level in (("trial1", 5), ("trial2", 9)):
+        (tmp_path / trial).mkdir()
+        write(tmp_path / trial / "mocap.csv", "t,x_tip,y_tip\n" + "".join(f"{k},{k},{k + level}\n" for k in range(5)))
+        write(tmp_path / trial / "daq.csv", "t,p_kpa\n" + "".join(f"{k},{level}\n" for k in range(5)))
+    pairs = with_logs([tmp_path / f"trial{k}" / name for name in ("daq.csv", "mocap.csv") for k in (1, 2)])
+    assert [pair.trial for pair in pairs] == ["trial1", "trial2"]
+    assert all(pair.shape.parent == pair.log.parent for pair in pairs)
+
+
+def test_all_trials_of_arrays_are_found_and_a_stated_rate_is_used(tmp_path):
+    np.savez(tmp_path / "a.npz", position=np.arange(48.0).reshape(2, 4, 2, 3), pressure_mbar=[10, 20], rate_hz=50.0)
+    trials = trials_of(tmp_path / "a.npz", None)
+    assert trials == {"0": {"trial": 0}, "1": {"trial": 1}}
+    recording = read(tmp_path / "a.npz", mapping=trials["1"])
+    assert (recording.attrs["nominal_pressure"], recording["time"].values[1]) == (2000.0, 0.02)
+
+
+def test_stations_and_inputs_of_arrays_by_name(tmp_path):
+    t = np.arange(5.0)
+    np.savez(tmp_path / "a.npz", t=t, base=np.zeros((5, 3)), x=t, y=2 * t, z=3 * t, drum=90 + t)
+    mapping = {"position": {"base": "base", "tip": ["x", "y", "z"]}, "length_unit": "mm", "actuation": "drum",
+               "input_kind": "angle", "input_unit": "deg", "input_names": ["pull"]}  # fmt: skip
+    recording = read(tmp_path / "a.npz", mapping=mapping)
+    np.testing.assert_allclose(recording["position"].values[4, 1], [4e-3, 8e-3, 12e-3])
+    assert recording["station"].values.tolist() == ["base", "tip"]
+    assert np.degrees(recording["actuation"].values[:, 0]) == pytest.approx(90 + t)
+    for change, message in (({"input_unit": None}, "needs input_kind"),
+                            ({"position": {"tip": ["x", "q"]}}, "no array 'q'"),
+                            ({"position": {"base": "base", "tip": ["x"]}}, "must have equal lengths")):  # fmt: skip
+        with pytest.raises(InputError, match=message):
+            read(tmp_path / "a.npz", mapping=mapping | change)

@@ -31,10 +31,11 @@ def load_mapping(paths: Sequence[Path | str] | Path | None) -> dict[str, Any] | 
     from pliant.recording.per_file import joined_mappings
 
     listed = [paths] if isinstance(paths, Path) else paths or ()
+    split = [[given] if Path(given).exists() else given.split(",") for given in map(str, listed)]
     named = []
-    for given in map(str, listed):
+    for given in (part for parts in split for part in parts):
         name, _, file = given.rpartition("=") if not Path(given).exists() else ("", "", given)
-        named.append((name, read_entries(Path(file), "mapping")))
+        named.append((name.strip(), read_entries(Path(file.strip()), "mapping")))
     return joined_mappings(named)
 
 

@@ -32,6 +32,9 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     are those of its fields. See `pliant.recording.arrays.ArrayMapping`.
     """
     arrays, others, structs = stored_arrays(path)
+    if not arrays and others:
+        raise InputError(f"{path.name} holds {shorten(others, 6)} and no array of numbers. If they are cells or "
+                         "several structs, save the file as version 7, which pliant reads: save('file.mat', '-v7')")
     options = {role: in_round_brackets(entry) for role, entry in (mapping or {}).items()}
     chosen = options.pop("struct", None)
     if chosen is not None:

@@ -99,7 +99,16 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
             raise InputError(f"{log.name} holds inputs alone, and a study needs the shape too: add the recording to "
                              f"which it belongs, with a similar name, such as push_3.csv for push_3_log.csv{both}")
         pairs[shape] = pairs[shape]._replace(log=log, log_options=options or None)
-    return [one for pair in pairs.values() for one in by_trial(pair)]
+    return [one for pair in in_folders([*pairs.values()]) for one in by_trial(pair)]
+
+
+def in_folders(pairs: list[WithLog]) -> list[WithLog]:
+    """Return the pairs with the name of its folder as the trial of each file whose name another file has, as where each
+    trial has a folder of its own.
+    """
+    count = Counter(pair.shape.stem for pair in pairs)
+    return [pair._replace(trial=pair.shape.resolve().parent.name) if count[pair.shape.stem] > 1 else pair
+            for pair in pairs]  # fmt: skip
 
 
 def by_trial(pair: WithLog) -> list[WithLog]:
@@ -108,11 +117,18 @@ def by_trial(pair: WithLog) -> list[WithLog]:
     if trials and pair.log is not None:
         raise InputError(f"{pair.shape.name} holds {len(trials)} trials, and {pair.log.name} belongs to one of them: "
                          "save each trial in a file of its own")
-    return [pair._replace(options=options, trial=name) for name, options in trials.items()] or [pair]
+    return [pair._replace(options=options, trial=f"{pair.trial}_{name}".lstrip("_"))
+            for name, options in trials.items()] or [pair]  # fmt: skip
 
 
 def shape_of(log: Path, shapes: Sequence[Path]) -> Path | None:
-    """Return the recording to which a log belongs, by its name; None if there is none, or several fit alike."""
+    """Return the recording to which a log belongs, by its folder if only one recording is there, otherwise by its name;
+    None if there is none, or several fit alike.
+    """
+    beside = [f for f in shapes if f.parent == log.parent]
+    if len(beside) == 1:
+        return beside[0]
+    shapes = beside or shapes
     begins = [f for f in shapes if log.stem.startswith(f.stem) or f.stem.startswith(log.stem)]
     if begins or len(shapes) == 1:
         return max(begins or shapes, key=lambda f: len(f.stem))
