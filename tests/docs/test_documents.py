@@ -20,6 +20,7 @@ from pliant.recording.arrays import ArrayMapping
 from pliant.recording.bag import BagMapping
 from pliant.recording.column_mapping import ColumnMapping
 from pliant.recording.curvature import CurvatureMapping
+from pliant.recording.per_file import options_of
 from pliant.sensing.cores import Cores
 from pliant.study import load_study
 from pliant.study.schema import Recording, Study
@@ -131,7 +132,12 @@ def test_toml_of_the_data_page_is_what_pliant_takes():
         if not {"alignment", "recordings"} & set(part):
             cores = part.pop("cores", None)
             kinds = {"curvature": CurvatureMapping, "transforms": BagMapping, "stations": ColumnMapping}
-            next((kind for key, kind in kinds.items() if key in part), ArrayMapping).model_validate(part)
+            kinds |= {"inputs": ColumnMapping}
+            for name in part.get("files", {"a": 0}):
+                options = options_of(Path(name), part) or {}
+                if not {"time", "rate_hz"} & set(options) and {"inputs", "files"} & set(part):
+                    options["rate_hz"] = 1.0  # or the time by the names of the columns
+                next((kind for key, kind in kinds.items() if key in options), ArrayMapping).model_validate(options)
             if cores is not None:
                 assert Cores.model_validate(cores).layout().radius.size == len(cores["files"])
 

@@ -105,7 +105,7 @@ def test_a_log_of_any_format_is_laid_beside_its_recording_and_says_what_it_is(tm
         savemat(log, {"t": T, "p_psi": P})
     else:
         {"lvm": lvm, "tdms": tdms}[ending](log)
-    assert with_logs([log, shape]) == [(shape, log)]
+    assert with_logs([log, shape]) == [(shape, None, log, None, "")]
     first, second, *_ = quality(read(log)).summary().splitlines()
     of = " of 2 chambers" if read(log)["pressure"].ndim == 2 else ""
     assert first == f"log of 200 pressure samples{of}, 1.99 s at 100 Hz"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.reading import read_with_mapping
+from pliant.cli.reading import MAPPING, read_with_mapping
 from pliant.cli.terminal import answer, busy
 from pliant.text import escaped
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def inspect(
     recording: Annotated[Path, typer.Argument(help="A recording: .c3d, .csv, .nc, .npz, .mat, .tsv, ...")],
-    mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
+    mapping: Annotated[list[str] | None, typer.Option(metavar="<path>", help=MAPPING)] = None,
     figure: Annotated[Path | None, typer.Option(help="Draw every station against time (.png or .svg).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
@@ -46,14 +46,14 @@ def inspect(
         write_figure(recording_overview(ds), figure)
 
 
-def next_step(ds: xr.Dataset, path: Path, mapping: Path | None) -> str:
+def next_step(ds: xr.Dataset, path: Path, mapping: list[str] | None) -> str:
     """Return the command that usually follows: a draft of a study for the recording, together with the file that it
     still needs.
     """
     shape = "" if {"position", "angle"} & set(ds) else " RECORDING"
     study = "STUDY.toml" if shape else f"{path.stem}.toml"
     log = "" if {"pressure", "actuation"} & set(ds) else " [LOG]"
-    columns = f" --mapping {mapping}" if mapping else ""
+    columns = "".join(f" --mapping {given}" for given in mapping or ())
     return f"pliant new {study} --from{shape} {path}{log}{columns}"
 
 

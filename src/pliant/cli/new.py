@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.reading import load_mapping, vector
+from pliant.cli.reading import MAPPING, load_mapping, vector
 from pliant.cli.terminal import answer, in_unit
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def new(
         typer.Option("--from", metavar="<path>",
                      help="Recordings, and logs of their pressures (push_log.csv for push.csv), e.g. --from *.csv"),
     ],
-    mapping: Annotated[Path | None, typer.Option(help="TOML file with columns, units and format.")] = None,
+    mapping: Annotated[list[str] | None, typer.Option(metavar="<path>", help=MAPPING)] = None,
     length: Annotated[float | None, typer.Option(parser=in_unit("m"),
                                                  help="Length of the body, m, or as 170mm.")] = None,
     mass: Annotated[float | None, typer.Option(parser=in_unit("kg"), help="Mass of the body, kg, or as 50g.")] = None,

@@ -11,25 +11,37 @@ from pliant.files import read_entries
 from pliant.units import inputs_word, number_in, shown_in
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import xarray as xr
 
     from pliant.model import Model
 
 LEVELS = "kPa gauge, or N, mm or rad of a tendon; for several inputs one each, as 80,30, or as left=80 (others: 0)"
+MAPPING = "TOML file with columns, units and format. For several kinds of files: NAME=FILE each, NAME in their names."
 DRIVE = "For several inputs: which recorded input drives which, as left=p1,right=p2; default: by equal names."
 
 
-def load_mapping(path: Path | None) -> dict[str, Any] | None:
-    """Return the mapping (columns and units of a recording's file) that a TOML file states; None if `path` is None."""
-    if path is None:
-        return None
-    entries: dict[str, Any] = read_entries(path, "mapping")
-    return entries
+def load_mapping(paths: Sequence[Path | str] | Path | None) -> dict[str, Any] | None:
+    """Return the mapping (columns and units of recordings) that TOML files state; None without a file.
+
+    Of several files, each is given as NAME=FILE and holds for the recordings with NAME in their file names; one without
+    a name holds for all others.
+    """
+    from pliant.recording.per_file import joined_mappings
+
+    listed = [paths] if isinstance(paths, Path) else paths or ()
+    split = [[given] if Path(given).exists() else given.split(",") for given in map(str, listed)]
+    named = []
+    for given in (part for parts in split for part in parts):
+        name, _, file = given.rpartition("=") if not Path(given).exists() else ("", "", given)
+        named.append((name.strip(), read_entries(Path(file.strip()), "mapping")))
+    return joined_mappings(named)
 
 
-def read_with_mapping(path: Path, mapping: Path | None) -> xr.Dataset:
-    """Read the recording in the file `path`. `mapping` is an optional TOML file that states the columns and units of
-    that file.
+def read_with_mapping(path: Path, mapping: Sequence[Path | str] | Path | None) -> xr.Dataset:
+    """Read the recording in the file `path`. `mapping` names optional TOML files that state the columns and units of
+    that file; see `load_mapping`.
     """
     from pliant.sensing import read_shape
 

@@ -57,7 +57,7 @@ class AngleLogMapping(FileMapping):
 
     angle_unit: Literal["deg", "rad"] | None = None
     pressure_unit: str | None = None
-    time_unit: Literal["s", "ms", "us"] | None = None
+    time_unit: Literal["s", "ms", "us", "ns"] | None = None
     arc_length: list[float] | None = None
     rows: tuple[int, int] | None = None
 

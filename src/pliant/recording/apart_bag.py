@@ -32,6 +32,22 @@ def pose(p: Any) -> list[float]:
     return [p.position.x, p.position.y, p.position.z, q.x, q.y, q.z, q.w]
 
 
+def transform(t: Any) -> list[float]:
+    """Return a ROS 2 transform as a row of seven numbers: position x, y, z and quaternion x, y, z, w."""
+    p, q = t.translation, t.rotation
+    return [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
+
+
+def inertial(m: Any) -> list[float]:
+    """Return a ROS 2 Imu message as a row of seven numbers: acceleration x, y, z and quaternion x, y, z, w. What its
+    covariance marks as not measured (-1) is NaN.
+    """
+    a, q = m.linear_acceleration, m.orientation
+    acceleration = [a.x, a.y, a.z] if m.linear_acceleration_covariance[0] != -1 else [float("nan")] * 3
+    turned = m.orientation_covariance[0] != -1 and any((q.x, q.y, q.z, q.w))
+    return [*acceleration, *([q.x, q.y, q.z, q.w] if turned else [float("nan")] * 4)]
+
+
 def cloud(m: Any) -> list[list[float]]:
     """Return the points of a ROS 2 PointCloud2 message as rows of seven numbers: x, y, z and four NaN for the missing
     quaternion.
@@ -55,6 +71,10 @@ ROWS = {  # type of message -> its rows of numbers, a pose or a number each
     "geometry_msgs/msg/PoseStamped": lambda m: [pose(m.pose)],
     "geometry_msgs/msg/PoseArray": lambda m: [pose(p) for p in m.poses],
     "geometry_msgs/msg/PointStamped": lambda m: [point(m.point)],
+    "geometry_msgs/msg/TransformStamped": lambda m: [transform(m.transform)],
+    "nav_msgs/msg/Odometry": lambda m: [pose(m.pose.pose)],
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: [pose(m.pose.pose)],
+    "sensor_msgs/msg/Imu": lambda m: [inertial(m)],
     "sensor_msgs/msg/PointCloud": lambda m: [point(p) for p in m.points],
     "sensor_msgs/msg/PointCloud2": cloud,
     "sensor_msgs/msg/FluidPressure": lambda m: [[m.fluid_pressure]],

@@ -10,6 +10,7 @@ from scipy.io import loadmat
 from pliant.recording.apart_worker import Content
 
 DEEPEST = 20  # structs within structs
+PARTED = (dict, list, np.ndarray)  # cells that hold structs, cells or arrays
 
 
 def read(path: str) -> Content:
@@ -17,7 +18,8 @@ def read(path: str) -> Content:
     all variables that are not numeric, and for each array or cell of structs the number of its structs and their
     fields.
 
-    Fields of structs are named ``struct.field``, those of the second struct of several ``struct(2).field``.
+    Fields of structs are named ``struct.field``, those of the second struct of several ``struct(2).field``, and the
+    array in the second cell ``cell(2)``.
     """
     content = Variables()
     for name, value in loadmat(path, simplify_cells=True).items():
@@ -44,8 +46,9 @@ class Variables:
                 self.walk(f"{name}.{key}", item, depth + 1)
             return
         array = as_array(value)
-        if array.dtype == object and array.size and depth < DEEPEST and all(isinstance(v, dict) for v in array.flat):
-            self.structs[name] = (array.size, [str(key) for key in array.flat[0]])
+        if array.dtype == object and array.size and depth < DEEPEST and any(isinstance(v, PARTED) for v in array.flat):
+            if all(isinstance(v, dict) for v in array.flat):
+                self.structs[name] = (array.size, [str(key) for key in array.flat[0]])
             for k, item in enumerate(array.ravel(order="F"), 1):
                 self.walk(f"{name}({k})", item, depth + 1)
         elif array.dtype.names and array.size == 1 and depth < DEEPEST:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -10,7 +10,7 @@ from pydantic import Field
 from pliant.errors import InputError, inside
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.schema import make_recording
-from pliant.units import PASCAL, metre_per, pascal_per
+from pliant.units import PASCAL, metre_per, newton_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+INPUT_SI = {"tension": newton_per, "displacement": metre_per, "angle": radian_per}
+POSITIONS = "positions of the stations"  # name of the array that joins those of the stations
+RATES = ("rate_hz", "frame_rate", "sample_rate", "sampling_rate", "fs")  # usual names of a frame rate [Hz]
 USUAL_NAMES = {
     "time": ("time", "t"),
     "position": ("position", "positions", "xyz", "points"),
@@ -36,7 +39,10 @@ class ArrayMapping(FileMapping):
     Attributes
     ----------
     time, position, quaternion, pressure, pressure_time, strain, gauge_position, arc_length : str, optional
-        Name of each array in the file. Default: the usual names, such as ``time`` or ``t``.
+        Name of each array in the file. Default: the usual names, such as ``time`` or ``t``. Positions may also be a
+        table with an array (T, 3), or the arrays of x, y and z, for each station, from base to tip.
+    actuation, input_kind, input_unit, input_names : optional
+        Array (T) or (T, I) of inputs other than pressure, their kind (tension, displacement or angle), unit and names.
     rate_hz : float, optional
         Frame rate where there is no array of time.
     length_unit : str
@@ -54,7 +60,7 @@ class ArrayMapping(FileMapping):
     """
 
     time: str | None = None
-    position: str | None = None
+    position: str | dict[str, str | list[str]] | None = None
     quaternion: str | None = None
     pressure: str | None = None
     pressure_time: str | None = None
@@ -67,6 +73,10 @@ class ArrayMapping(FileMapping):
     station: list[str] | None = None
     order: str = Field(default="tsa", pattern="^(tsa|tas|sta|sat|ats|ast)$")
     trial: int | None = Field(default=None, ge=0)
+    actuation: str | None = None
+    input_kind: Literal["tension", "displacement", "angle"] | None = None
+    input_unit: str | None = None
+    input_names: list[str] | None = None
 
 
 def recording_from_arrays(
@@ -81,6 +91,8 @@ def recording_from_arrays(
     `others` are names of the file that hold no numbers; they and all arrays that are not used are named in the history.
     """
     options = ArrayMapping.load(mapping, file)
+    if isinstance(options.position, dict):
+        arrays, options = _by_station(arrays, options, options.position, file)
     found = {role: _find(arrays, role, getattr(options, role), file) for role in USUAL_NAMES}
     pressure_name, pressure = _pressure(arrays, options, file)
     scale = metre_per(options.length_unit)
@@ -94,19 +106,72 @@ def recording_from_arrays(
         if position.shape[-1] == 2:
             position = np.concatenate([position, np.zeros((*position.shape[:2], 1))], -1)
             history.append("stations with two coordinates got z = 0")
-    if position is None and found["strain"] is None and pressure is None:
+    inputs = _inputs(arrays, options, file)
+    if position is None and found["strain"] is None and pressure is None and not inputs:
         raise InputError(f"{file} holds no position, strain or pressure under a usual name: name them in the "
                          f"mapping. Its arrays are: {_listing(arrays)}")
-    time, log_time = _clock(found, position, options, file), found["pressure_time"]
+    rated = options if found["time"] is not None else _with_rate(options, arrays)
+    time, log_time = _clock(found, position, rated, file), found["pressure_time"]
     shapeless = position is None and found["strain"] is None
     with inside(file):
         return make_recording(
             None if shapeless else time, position, quaternion=found["quaternion"],
             station=options.station if position is not None else None,
             pressure=pressure, pressure_time=time if log_time is None else np.ravel(log_time),
+            input_time=time if log_time is None else np.ravel(log_time), **inputs,
             strain=found["strain"], gauge_position=_scaled(found["gauge_position"], scale), nominal_pressure=level,
             arc_length=_scaled(found["arc_length"], scale), history=history,
         )  # fmt: skip
+
+
+def trials_in_arrays(
+    arrays: Mapping[str, Any], mapping: Mapping[str, Any] | None, file: str
+) -> dict[str, dict[str, Any]]:
+    """Return the options of each trial of a file whose positions have the trials as an additional first dimension, by
+    the number of the trial; empty for any other file, or where the mapping states the trial.
+    """
+    options = ArrayMapping.load(mapping, file)
+    if options.trial is not None or isinstance(options.position, dict):
+        return {}
+    position = _find(arrays, "position", options.position, file)
+    if position is None or position.ndim != 4:
+        return {}
+    return {str(k): {**(mapping or {}), "trial": k} for k in range(len(position))}
+
+
+def _by_station(
+    arrays: Mapping[str, Any], options: ArrayMapping, stations: Mapping[str, str | list[str]], file: str
+) -> tuple[Mapping[str, Any], ArrayMapping]:
+    """Return the arrays, with one array of all positions (T, S, 3) in place of those of each station, and the options
+    that name it.
+    """
+    parts = []
+    for name, listed in stations.items():
+        columns = [_find(arrays, f"station {name}", one, file) for one in ([listed] if isinstance(listed, str) else
+                                                                          listed)]  # fmt: skip
+        part = np.column_stack([np.squeeze(column) for column in columns if column is not None])
+        parts.append(part.T if part.shape[0] in (2, 3) < part.shape[1] else part)
+    if len({part.shape for part in parts}) > 1 or parts[0].shape[1] not in (2, 3):
+        shapes = ", ".join(f"{name} {part.shape}" for name, part in zip(stations, parts, strict=True))
+        raise InputError(f"{file}: the positions of the stations must have equal lengths and 2 or 3 coordinates, but "
+                         f"are {shapes}: correct position in the mapping")
+    used = {one for listed in stations.values() for one in ([listed] if isinstance(listed, str) else listed)}
+    rest = {name: array for name, array in arrays.items() if name not in used}
+    update = {"position": POSITIONS, "station": list(stations), "order": "tsa"}
+    return rest | {POSITIONS: np.stack(parts, axis=1)}, options.model_copy(update=update)
+
+
+def _inputs(arrays: Mapping[str, Any], options: ArrayMapping, file: str) -> dict[str, Any]:
+    """Return the arguments of `make_recording` for inputs other than pressure."""
+    if options.actuation is None:
+        return {}
+    if options.input_kind is None or options.input_unit is None:
+        raise InputError(f"{file}: actuation of the mapping needs input_kind (tension, displacement or angle) and "
+                         "input_unit: add them")
+    values = np.squeeze(np.asarray(_find(arrays, "actuation", options.actuation, file)))
+    values = values[:, None] if values.ndim == 1 else values
+    return {"actuation": values * INPUT_SI[options.input_kind](options.input_unit), "input_kind": options.input_kind,
+            "input_names": options.input_names}  # fmt: skip
 
 
 def _one_trial(
@@ -133,12 +198,13 @@ def _one_trial(
 def _unused(
     arrays: Mapping[str, Any], options: ArrayMapping, pressure: str | None, others: Sequence[str], file: str
 ) -> list[str]:
-    used = {pressure}
+    used = {pressure, options.actuation, *RATES}
     idle = ("pressure_time",) if pressure is None else ()
     for role, names in USUAL_NAMES.items():
         if role in idle:
             continue
         named = getattr(options, role)
+        named = named if isinstance(named, str) else None
         used |= {named} if named else set(names)
     left = [*(name for name in arrays if name not in used), *others]
     return [f"{len(left)} array(s) of {file} were not used: {shorten(left)}"] if left else []
@@ -211,8 +277,17 @@ def _ordered(position: NDArray, order: str, file: str) -> NDArray:
         position = np.expand_dims(position, order.index("s"))
     if position.ndim != 3:
         raise InputError(f"position in {file} must have 2 or 3 dimensions, but its shape is {position.shape}: store "
-                         "it as (frames, stations, axes), or set trial in the mapping")
+                         "it as (frames, stations, axes). If its first dimension is the trial, set trial = 0 in the "
+                         "mapping; `pliant new` makes a recording of each")
     return np.transpose(position, [order.index(letter) for letter in "tsa"])
+
+
+def _with_rate(options: ArrayMapping, arrays: Mapping[str, Any]) -> ArrayMapping:
+    """Return the options with the frame rate that a file states under a usual name, where the mapping states none."""
+    rates = [float(np.ravel(arrays[name])[0]) for name in RATES if name in arrays and np.size(arrays[name]) == 1]
+    if options.rate_hz is not None or len(rates) != 1 or not rates[0] > 0:
+        return options
+    return options.model_copy(update={"rate_hz": rates[0]})
 
 
 def _clock(found: Mapping[str, Any], position: Any, options: ArrayMapping, file: str) -> NDArray | None:

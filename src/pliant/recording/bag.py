@@ -3,8 +3,9 @@
 Poses and points become stations, pressures become the pressure of chambers. Times are those of the message headers, or
 the times of reception where the messages of a topic have no header or no stamp in it. Stations in other coordinate
 frames are transformed into that of the first station by the constant transforms of the bag (tf). Known types:
-PoseStamped, PoseArray, PointStamped, PointCloud, PointCloud2, FluidPressure, Float64 and Float32. A FluidPressure is
-absolute: subtract the ambient pressure by ``linear.pressure``.
+PoseStamped, PoseWithCovarianceStamped, PoseArray, TransformStamped, Odometry, PointStamped, PointCloud, PointCloud2,
+Imu, FluidPressure, Float64 and Float32. A FluidPressure is absolute: subtract the ambient pressure by
+``linear.pressure``.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pliant.errors import InputError, clipped, inside
 from pliant.recording.apart import read_apart
 from pliant.recording.bag_frames import FramePose, FrameTree, in_one_frame
 from pliant.recording.clock import usual_step, without_repeats
+from pliant.recording.inclination import turning_angles
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
@@ -31,7 +33,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-FLUID, NUMBERS = "sensor_msgs/msg/FluidPressure", ("std_msgs/msg/Float64", "std_msgs/msg/Float32")
+IMU, FLUID = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
+NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float32")
 TOGETHER = 0.5  # of the frame interval: messages of two topics that are closer in time belong to one frame
 
 
@@ -45,6 +48,11 @@ class BagMapping(FileMapping):
         ``name_000``. Default: all topics of poses and points, named by the last part of the topic.
     pressure : dict of str, optional
         Topic of each chamber. Default: all topics of FluidPressure.
+    angles : dict of str, optional
+        Topic of Imu messages of each sensor, from base to tip, for a body that bends in a plane. Default: all topics of
+        Imu, where the bag has no poses or points.
+    arc_length : list of float, m, optional
+        Arc length of each of these sensors.
     pressure_unit : str, optional
         Unit of topics with plain numbers; a FluidPressure is in Pa.
     length_unit : str
@@ -58,6 +66,8 @@ class BagMapping(FileMapping):
     """
 
     topics: dict[str, str] | None = None
+    angles: dict[str, str] | None = None
+    arc_length: list[float] | None = None
     pressure: dict[str, str] | None = None
     pressure_unit: str | None = None
     length_unit: str = "m"
@@ -102,13 +112,18 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     arrays, facts = read_apart("bag", path, "ROS 2 bag")
     topics = {t["name"]: topic_of(t, arrays, options.clock) for t in facts["topics"]}
     unread = [f"topic {topic[:60]} cannot be read: {reason}" for topic, reason in facts["unread"].items()]
-    stations = chosen(topics, options.topics, {n.rpartition("/")[2] or n: n for n, t in topics.items()
-                                               if t.rows.shape[2] == 7}, facts["unread"], path.name)  # fmt: skip
-    pressures = chosen(topics, options.pressure, {n.rpartition("/")[2] or n: n for n, t in topics.items()
-                                                  if t.kind == FLUID}, facts["unread"], path.name)  # fmt: skip
+    stations = {} if options.angles else chosen(topics, options.topics, last_parts(
+        {n: t for n, t in topics.items() if t.rows.shape[2] == 7 and t.kind != IMU}), facts["unread"], path.name)
+    turning = bool(options.angles) or not stations
+    if turning:
+        sensors = last_parts({n: t for n, t in topics.items() if t.kind == IMU})
+        stations = chosen(topics, options.angles, sensors, facts["unread"], path.name)
+    fluids = last_parts({n: t for n, t in topics.items() if t.kind == FLUID})
+    pressures = chosen(topics, options.pressure, fluids, facts["unread"], path.name)
     if not stations and not pressures:
-        raise InputError(f"{path.name} has no topic of poses, points or FluidPressure: name the topics in its mapping; "
-                         f"it has {'; '.join([shorten([*topics, *facts['others']]) or 'none', *unread])}")  # fmt: skip
+        listed = "; ".join([shorten([*topics, *facts["others"]]) or "none", *unread])
+        raise InputError(f"{path.name} has no topic of poses, points, Imu or FluidPressure: name the topics in its "
+                         f"mapping; it has {listed}")
     stated = [Stated(f"messages of {t['name'][:60]}", where, t[key], t["read"]) for t in facts["topics"]
               for key, where in (("stated", "its index"), ("beside", "metadata.yaml")) if t[key]]  # fmt: skip
     if empty := [t.name for t in (*stations.values(), *pressures.values()) if not len(t.stamps)]:
@@ -120,13 +135,45 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     left = [*(n for n, t in topics.items() if not any(t is u for u in (*stations.values(), *pressures.values()))),
             *facts["others"]]  # fmt: skip
     history += [f"{len(left)} topic(s) of {path.name} were not used: {shorten(left)}"] if left else []
-    stations, transformed = placed(stations, options, facts["transforms"], path.name)
+    stations, transformed = (stations, []) if turning else placed(stations, options, facts["transforms"], path.name)
     arrays_of, findings = frames_of(stations, origin, metre_per(options.length_unit), path.name)
+    if turning and stations:
+        arrays_of, more = turned(arrays_of, stations, options, path.name)
+        findings += more
     with inside(path.name):
         return Reading(make_recording(
             **arrays_of, **pressures_of(pressures, origin, options.pressure_unit, path.name),
             history=[*history, *transformed, *(f"{text}; it is left out" for text in unread), *findings],
         ), tuple(stated))  # fmt: skip
+
+
+def last_parts(topics: Mapping[str, Topic]) -> dict[str, str]:
+    """Return the names of topics by the last part of each name or, where these are equal, the last two or more."""
+    names: dict[str, str] = {}
+    for name in topics:
+        parts = name.strip("/").split("/")
+        count = next((k for k in range(1, len(parts)) if sum(other.strip("/").split("/")[-k:] == parts[-k:]
+                                                             for other in topics) == 1), len(parts))  # fmt: skip
+        names["_".join(parts[-count:])] = name
+    return names
+
+
+def turned(
+    arrays: Mapping[str, Any], sensors: Mapping[str, Topic], options: BagMapping, file: str
+) -> tuple[dict[str, Any], list[str]]:
+    """Return the arguments of `make_recording` for Imu sensors on a body that bends in a plane, and sentences for the
+    history. The orientation of a sensor is used where its messages hold one, otherwise its acceleration.
+    """
+    if strange := [topic.name for topic in sensors.values() if topic.kind != IMU]:
+        raise InputError(f"topic {clipped(strange[0])!r} of {file} holds no Imu messages: correct angles in its "
+                         "mapping")
+    measured = {}
+    for s, name in enumerate(sensors):
+        quaternion = arrays["quaternion"][:, s] if "quaternion" in arrays else np.full((1, 4), np.nan)
+        measured[name] = quaternion if np.isfinite(quaternion).any() else arrays["position"][:, s]
+    angle, history = turning_angles(measured, file)
+    return {"time": arrays["time"], "angle": angle, "station": list(sensors), "frame": "planar",
+            "arc_length": options.arc_length}, history  # fmt: skip
 
 
 def placed(

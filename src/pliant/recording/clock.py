@@ -11,7 +11,7 @@ from pliant.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 COUNTERS = (2**16, 2**31, 2**32)  # ticks after which millis(), micros() and 16-bit timers begin again
 NEAR = 0.02  # of the counter: how close to its end and to zero a wrap lies
 

@@ -4,22 +4,38 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
 from pliant.units import METRE, PASCAL, RADIAN
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 ALIASES = {"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s", "hpa": "mbar"}
 UNITS = (SECONDS, RADIAN, PASCAL)
 PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNORECASE)
 BEFORE = re.compile(r"([xyz])[_ .:](.+)", re.IGNORECASE)  # x_tip
+COUNTED = re.compile(r"([xyz])([0-9]+)", re.IGNORECASE)  # x1
 BEHIND = re.compile(r"(.+?)[_ .:]([xyz])", re.IGNORECASE)  # tip_x
+ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
+COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
+PARTS = {  # names of seconds, and of their fraction with its unit
+    "seconds": re.compile(r"(?:.*[_ .])?secs?(?:onds)?", re.IGNORECASE),
+    "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsec(?:ond)?s?)", re.IGNORECASE),
+    "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosec(?:ond)?s?)", re.IGNORECASE),
+}
+TURN = re.compile(r"(?:(.+?)[_ .:])?(?:q|quat(?:ernion)?|rot(?:ation)?|orientation)[_ .]?([xyzw])", re.IGNORECASE)
+BODY = "body"  # name of a single tracked body, where the names of its columns hold none
 BRACKETED = re.compile(r"(.+?)[\s_]*[\[(]\s*([^\[\]()]+?)\s*[\])]")  # tip_x [mm]
 ENDING = re.compile(r"(.+)[_ ]([A-Za-z]+)")  # tip_x_mm
 OTHERS = re.compile(r"f|force|a|acc\w*|gyro\w*|mag\w*|v|vel\w*|torque|moment|rot\w*|angle|q", re.IGNORECASE)
 ELSEWHERE = r"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|atm\w*|ambient|barom\w*"  # not in the body
+PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
 WORDS = {"in"}  # units that are words as well: a name states them in brackets alone
 
@@ -48,12 +64,14 @@ def standard_names(names: list[str], file: str) -> Renamed:
     positions = {name: found for name in names if (found := _position(name))}
     if any(BEFORE.fullmatch(name) for name in names):  # where x_tip is a position, acc_x is not
         positions = {name: found for name, found in positions.items() if BEFORE.fullmatch(name)}
+    positions = _one_body(names, positions) or positions
     units = {unit for _, unit in positions.values()}
     if len(units) > 1:
         stated = ", ".join(sorted(unit or "no unit" for unit in units))
         raise InputError(f"{file} states several units of length in its column names ({stated}): convert the "
                          "columns to one unit")
     standard = {name: found[0] for name, found in positions.items()}
+    standard |= _orientations(names, {new.partition("_")[2] for new in standard.values()})
     standard |= {name: other for name in names if name not in standard and (other := _clock(name) or _pressure(name))}
     standard |= _channels([name for name in names if name not in standard], [*standard.values()])
     owners = Counter([*names, *(new for old, new in standard.items() if old != new)])
@@ -74,7 +92,7 @@ def parted(name: str) -> tuple[str, str]:
 
 def is_time(name: str) -> bool:
     """Return whether a column name denotes time: ``t``, ``time`` or ``timestamp``, with or without a unit."""
-    return parted(name)[0] in ("t", "time", "timestamp")
+    return parted(name)[0] in ("t", "time", "timestamp") or name.lower() in COUNTERS
 
 
 def _sentence(changed: Mapping[str, str], units: Iterable[str]) -> list[str]:
@@ -88,18 +106,44 @@ def _sentence(changed: Mapping[str, str], units: Iterable[str]) -> list[str]:
 def _position(name: str) -> tuple[str, str] | None:
     """Return the standard name and the unit of a column of a station's coordinate, or None."""
     bare, unit = _without_unit(name, METRE)
-    if match := BEFORE.fullmatch(bare):
+    if match := BEFORE.fullmatch(bare) or COUNTED.fullmatch(bare):
         return f"{match[1].lower()}_{match[2]}", unit
     if (match := BEHIND.fullmatch(bare)) and not OTHERS.fullmatch(match[1]):
         return f"{match[2].lower()}_{match[1]}", unit
     return None
 
 
+def _one_body(names: Iterable[str], others: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+    """Return the standard names and units of the coordinates of a single body whose column names hold no name of it,
+    such as ``x``, ``pos_y`` or ``tz [mm]``; empty where there are other positions, or not one of each coordinate.
+    The name ``x_m`` is that of a station m.
+    """
+    parts = {name: _without_unit(name, METRE) for name in names}
+    bare = {name: (match[1].lower(), unit) for name, (word, unit) in parts.items()
+            if (match := ONE_BODY.fullmatch(word)) and not name.lower().endswith("_m")}  # fmt: skip
+    axes = sorted(axis for axis, _ in bare.values())
+    if axes not in (["x", "y"], ["x", "y", "z"]) or set(others) - set(bare):
+        return {}
+    return {name: (f"{axis}_{BODY}", unit) for name, (axis, unit) in bare.items()}
+
+
+def _orientations(names: Iterable[str], stations: Collection[str]) -> dict[str, str]:
+    """Return the standard names of the columns of quaternions, such as ``tip_qx`` or ``quat_w``, of stations of which
+    the table has all four.
+    """
+    turns = {name: (match[1] or BODY, match[2].lower()) for name in names if (match := TURN.fullmatch(name))}
+    count = Counter(station for station, _ in turns.values())
+    return {name: f"q{axis}_{station}" for name, (station, axis) in turns.items()
+            if station in stations and count[station] == 4 and not name.startswith(f"q{axis}_")}  # fmt: skip
+
+
 def _clock(name: str) -> str | None:
+    if name.lower() in COUNTERS:
+        return f"t_{COUNTERS[name.lower()]}"
     unit = parted(name)[1]
     if not is_time(name) or unit not in ("", *SECONDS):
         return None
-    return f"t_{unit}" if unit in ("ms", "us") else "t"
+    return f"t_{unit}" if unit not in ("", "s") else "t"
 
 
 def _pressure(name: str) -> str | None:
@@ -124,6 +168,33 @@ def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
     return {name: f"p_{unit}_{bare}" for name, (bare, unit) in found.items()}
 
 
+def unitless_pressures(names: Iterable[str]) -> list[str]:
+    """Return the names of columns that say pressure and no unit, such as ``pressure_left``; not those of set points,
+    supplies and the atmosphere.
+    """
+    return [name for name in names if PRESSED.fullmatch(name) and not NOT_INSIDE.fullmatch(name)]
+
+
+def pressures_named(names: Sequence[str], unit: str, file: str) -> tuple[list[str], list[str]]:
+    """Return the column names of a table with standard names for the pressures without a unit, which are in `unit`, and
+    a sentence for the history.
+
+    Raises
+    ------
+    InputError
+        When no name says pressure without a unit.
+    """
+    bare = unitless_pressures(names)
+    if not bare:
+        raise InputError(f"{file} has no column whose name says pressure and no unit: remove pressure_unit from its "
+                         f"mapping, or name the columns by pressure = {{ columns = [...], unit = {unit!r} }}")
+    parts = {name: re.sub(r"(?i)measured|pressure|[\W_]+$|^[\W_]+", "", name).strip("_ .") for name in bare}
+    several = len(bare) > 1
+    standard = {name: f"p_{unit.lower()}" + f"_{parts[name] or name}" * several for name in bare}
+    finding = f"{len(bare)} column(s) are pressures in {unit}, as pressure_unit states, such as {shown(bare[0])}"
+    return [standard.get(name, name) for name in names], [finding]
+
+
 def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:
     """Return a name without the unit at its end, and the unit ("" where it ends with none of `units`)."""
     for pattern in (BRACKETED, ENDING):
@@ -131,3 +202,29 @@ def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:
         if match and match[2].lower() in units and not (pattern is ENDING and match[2].lower() in WORDS):
             return match[1], match[2].lower()
     return name, ""
+
+
+class PartedClock(NamedTuple):
+    """The columns of a time that a table stores in two parts: seconds, and their fraction in a smaller unit."""
+
+    seconds: int
+    fraction: int
+    unit: str
+
+    def joined(self, table: NDArray) -> NDArray:
+        """Return the times (R,) [s] since the first whole second of a table (R, K)."""
+        whole = table[:, self.seconds]
+        begin = whole[np.isfinite(whole)][:1].sum()
+        return np.asarray(whole - begin + table[:, self.fraction] * SECONDS[self.unit])
+
+
+def parted_clock(names: Sequence[str]) -> PartedClock | None:
+    """Return the columns of the time of a table that stores it in two, such as ``sec`` and ``usec``; None for any other
+    table.
+    """
+    seconds = [k for k, name in enumerate(names) if PARTS["seconds"].fullmatch(name)]
+    for unit in ("us", "ns"):
+        fraction = [k for k, name in enumerate(names) if PARTS[unit].fullmatch(name)]
+        if len(seconds) == len(fraction) == 1:
+            return PartedClock(seconds[0], fraction[0], unit)
+    return None

@@ -13,24 +13,37 @@ the first row holds names, by name. Example::
 
 from __future__ import annotations
 
-from collections import defaultdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
+from pliant.recording.cells import cells_of, is_one_of, with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.column_mapping import Column, ColumnMapping, StationColumns
+from pliant.recording.column_arrays import ColumnHeader, calibrated, input_arrays, pressure_arrays, station_arrays
+from pliant.recording.column_mapping import Column, ColumnMapping, InputColumns, PressureColumns, StationColumns
+from pliant.recording.column_names import PartedClock
+from pliant.recording.inclination import turning_angles
 from pliant.recording.mapping import shorten
-from pliant.recording.registry import ENDINGS, Reader
+from pliant.recording.named_columns import completed
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
-from pliant.recording.tables import judge_end, parse_numbers, read_text, split_cells, without_text
-from pliant.units import metre_per, newton_per, pascal_per, radian_per
+from pliant.recording.tables import (
+    DELIMITERS,
+    NUMBER,
+    holds_number,
+    judge_end,
+    parse_numbers,
+    preamble_of,
+    read_text,
+    split_cells,
+    without_text,
+)
+from pliant.units import radian_per
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     import xarray as xr
@@ -40,99 +53,172 @@ if TYPE_CHECKING:
 CHANGING = "left-out column(s)"  # begins the sentence on columns that a mapping forgot
 
 
-class ColumnHeader:
-    """Header of a table: its file name, its column names (empty where the first row holds numbers) and the number of
-    columns.
-    """
-
-    def __init__(self, names: list[str], width: int, file: str) -> None:
-        self.names, self.width, self.file = names, width, file
-        self.where: dict[str, list[int]] = defaultdict(list)
-        for k, name in enumerate(names):
-            self.where[name].append(k)
-
-    def index(self, column: Column) -> int:
-        """Return the index of a table column that is given by index or name; raise InputError where none or several
-        match.
-        """
-        if isinstance(column, str):
-            held = self.where.get(column, [])
-            if not held:
-                available = shorten(self.names, 40) or "none: header is false, so columns are given by index"
-                raise InputError(f"{self.file} has no column {clipped(column)!r}: correct the mapping; available: "
-                                 f"{available}")
-            if len(held) > 1:
-                raise InputError(f"{self.file} has {len(held)} columns named {clipped(column)!r}: give the index of "
-                                 "one in the mapping")
-            return held[0]
-        if not 0 <= column < self.width:
-            raise InputError(f"{self.file} has no column {column}, since its columns are 0 to {self.width - 1}: "
-                             "correct the mapping")
-        return column
-
-
 def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read a plain table of numbers as a recording; `mapping` states which columns hold what, and their units."""
     if not mapping:
-        raise InputError(
-            f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, length_unit, "
-            "stations or points)"
-        )
+        raise InputError(f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, "
+                         f"length_unit, stations or points){_listed(path)}")  # fmt: skip
+    mapping, named = completed(mapping, _first_cells(path, mapping), path.name)
     options = ColumnMapping.load(mapping, path.name)
-    header, table, findings = _table(path, options)
-    history = [*findings, *_unused(header, options, table)]
-    table, kept = _rows(table, header, options)
-    time, wrapped = _time(table, header, options)
-    history += [*kept, *wrapped]
+    if options.select is not None and options.select.value is None:
+        example = f"select = {{ column = {options.select.column!r}, value = 1 }}"
+        raise InputError(f"select in the mapping for {path.name} has no value: state which trial to read, such as "
+                         f"{example}; `pliant new` makes a recording of each")
+    header, table, texts, findings = _table(path, options)
+    history = [*named, *findings, *_unused(header, options, table)]
+    table, kept = _rows(_valid(table, texts, header, options, history), texts, header, options)
+    history += kept
     whole = bool(options.stations) or options.points is not None
-    if options.time is not None or not whole:
-        keep, more = without_repeats(time, path.name, table[:, sorted(_used(header, options))] if whole else None)
-        time, table, history = time[keep], table[keep], [*history, *more]
-        if len(same := np.flatnonzero(np.diff(time) == 0)):
-            raise InputError(f"{path.name}: time must increase strictly, but {len(same)} pair(s) of rows have the "
-                             f"same time and different values, the first {time[same[0]]:.6g} s: write the times with "
-                             "all digits, or keep one run by rows = [first, last] in the mapping")  # fmt: skip
+    time, shape, more = _timed(table, options.time, header, options, whole=whole)
+    history += more
+    if options.input_time is None:
+        input_time, inputs = time, shape
+    else:
+        input_time, inputs, more = _timed(table, options.input_time, header, options, whole=False)
+        history += more
     if whole:
-        arrays, more = _stations(table, header, options)
+        arrays, more = station_arrays(shape, header, _layout(options, header), options)
         if options.camera is not None:
             arrays["position"], how = in_plane(arrays["position"], options.camera, path.parent)
             more.append(how)
     else:
-        arrays, more = _turning(table, header, options) if options.angles else ({}, [])
+        arrays, more = _turning(shape, header, options) if options.angles else ({}, [])
+    groups: list[PressureColumns | InputColumns] = [*options.inputs, *([options.pressure] if options.pressure else [])]
+    for group in groups:
+        history += calibrated(group.columns, group.scale, group.zero, group.unit)
     with inside(path.name):
         return make_recording(
-            time if arrays else None, pressure_time=time, input_time=time, history=[*history, *more],
-            **arrays, **_pressure(table, header, options), **_inputs(table, header, options),
+            time if arrays else None, pressure_time=input_time, input_time=input_time, history=[*history, *more],
+            **arrays, **pressure_arrays(inputs, header, options.pressure), **input_arrays(inputs, header, options),
         )  # fmt: skip
 
 
-def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, list[str]]:
+def _first_cells(path: Path, mapping: Mapping[str, Any]) -> list[str]:
+    """Return the cells of the first row of a table behind the lines that its mapping skips."""
+    skipped, delimiter = mapping.get("skip_lines"), mapping.get("delimiter")
     lines = read_text(path).split("\n")
-    first = options.skip_lines
+    lines = lines[skipped if isinstance(skipped, int) else preamble_of(lines) :]
+    line = next((one for one in lines if one.strip() and not one.startswith("#")), "")
+    cells = split_cells(line, delimiter_of(line, delimiter if isinstance(delimiter, str) and delimiter else None))
+    return cells[:-1] if cells[-1:] == [""] else cells
+
+
+def _listed(path: Path) -> str:
+    """Return what the first row of a plain table shows of its columns, for a message."""
+    cells = _first_cells(path, {})
+    named = not any(map(holds_number, filter(None, cells)))
+    return f"; they are {shorten(cells, 12)}" if named else f"; they are 0 to {len(cells) - 1}"
+
+
+def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, dict[int, NDArray], list[str]]:
+    """Return the header of a table, its numbers (R, K) with NaN for texts, the texts (R,) of the columns that the
+    mapping uses as texts, and sentences for the history.
+    """
+    lines = read_text(path).split("\n")
+    first = preamble_of(lines) if options.skip_lines is None else options.skip_lines
+    above = [f"{first} line(s) above the table of {path.name} were skipped"] if first and not options.skip_lines else []
     while first < len(lines) and (not lines[first].strip() or lines[first].startswith("#")):
         first += 1
     if first >= len(lines):
-        raise InputError(f"{path.name} has no table row after its first {options.skip_lines} line(s): reduce "
+        raise InputError(f"{path.name} has no table row after its first {first} line(s): reduce "
                          "skip_lines in the mapping")
-    delimiter = None if options.delimiter == "space" else options.delimiter
+    delimiter, name = delimiter_of(lines[first], options.delimiter), path.name
     cells = split_cells(lines[first], delimiter)
-    body = first + 1 if options.header else first
-    rows, findings = judge_end(lines[body:], delimiter, path.name)
-    header = ColumnHeader(cells if options.header else [], len(cells), path.name)
-    if options.header:
-        rows = without_text(rows, delimiter, _used(header, options), header.width)
-    table = parse_numbers(rows, name=path.name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
-    return header, table, findings
+    findings: list[str] = []
+    named = header_of(cells, options, f"line {first + 1}, cell 1 of {name}")
+    body = first + 1 if named else first
+    rows = lines[body:]
+    if named:
+        if cells[-1] == "":  # a delimiter behind the last name
+            cells.pop()
+        rows, findings = without_trailing(rows, delimiter, len(cells), name)
+    rows, cut = judge_end(rows, delimiter, name)
+    header = ColumnHeader(cells if named else [], len(cells), name)
+    worded, used = _worded(header, options), _used(header, options)
+    texts = cells_of(rows, delimiter, worded) if worded else {}
+    if options.na:
+        rows, marked = without_marks(rows, delimiter, used - worded, options.na, name)
+        findings += marked
+    for column in {header.index(c) for c in (*_clocks(options), options.input_time) if c is not None}:
+        rows, clock = with_seconds(rows, delimiter, column, name)
+        findings += clock
+    rows = without_text(rows, delimiter, used - worded, header.width, header=named, words=worded)
+    table = parse_numbers(rows, name=name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
+    return header, table, texts, [*above, *findings, *cut]
+
+
+def delimiter_of(line: str, stated: str | None) -> str | None:
+    """Return the delimiter of a table as its mapping states it, or else from its first row; None for white space."""
+    if stated is not None:
+        return None if stated == "space" else stated
+    return next((one for one in DELIMITERS if one in line), None)
+
+
+def header_of(cells: list[str], options: ColumnMapping, where: str) -> bool:
+    """Return whether the cells of the first row of a table are names of columns, as its mapping states; otherwise
+    whether none of them holds a number.
+
+    Raises
+    ------
+    InputError
+        When the mapping states that the row holds numbers, and it holds none.
+    """
+    filled = [cell for cell in cells if cell]
+    words = bool(filled) and not any(map(holds_number, filled))
+    if options.header is False and words:
+        raise InputError(f"{where} is not a number: {clipped(cells[0])!r}; the row seems to hold names: remove "
+                         "header = false from the mapping")
+    return words if options.header is None else options.header
+
+
+def _clocks(options: ColumnMapping) -> tuple[Column, ...]:
+    """Return the columns of the time of the shape: none, one, or that of the seconds and that of their fraction."""
+    if options.time is None:
+        return ()
+    return options.time if isinstance(options.time, tuple) else (options.time,)
+
+
+def _worded(header: ColumnHeader, options: ColumnMapping) -> set[int]:
+    """Return the indices of the columns whose texts the mapping uses: the status of stations, and a text to select."""
+    columns = [one.status for one in (options.stations or {}).values() if one.status is not None]
+    if options.select is not None and isinstance(options.select.value, str):
+        columns.append(options.select.column)
+    return {header.index(column) for column in columns}
+
+
+def _valid(
+    table: NDArray, texts: Mapping[int, NDArray], header: ColumnHeader, options: ColumnMapping, history: list[str]
+) -> NDArray:
+    """Return the numbers (R, K) of a table with gaps where the status of a station is not valid, and add a sentence to
+    `history` for each such station.
+    """
+    table = table.copy()
+    for name, station in (options.stations or {}).items():
+        if station.status is None:
+            continue
+        words = texts[header.index(station.status)]
+        lost = ~is_one_of(words, station.valid)
+        if lost.all():
+            raise InputError(f"{header.file}: no row has {shorten(station.valid)} in the status of {clipped(name)}, "
+                             f"which holds {shorten(sorted(set(words)), 6)}: correct valid in the mapping")
+        columns = [*station.position, *(station.quaternion or []), *(station.euler.columns if station.euler else [])]
+        table[np.ix_(lost, np.array([header.index(c) for c in columns]))] = np.nan
+        others = shorten(sorted(set(words[lost])), 6)
+        history += [f"{int(lost.sum())} frame(s) of {name} are gaps by their status: {others}"] if lost.any() else []
+    return table
 
 
 def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
     """Return the indices of the columns that the mapping uses."""
-    wanted: list[Column | None] = [options.time, options.select.column if options.select else None]
+    wanted: list[Column | None] = [*_clocks(options), options.input_time]
+    wanted += [options.select.column] if options.select else []
     wanted += options.pressure.columns if options.pressure else []
     wanted += [column for group in options.inputs for column in group.columns]
-    wanted += list((options.angles or {}).values())
+    for columns in (options.angles or {}).values():
+        wanted += columns if isinstance(columns, list) else [columns]
     for station in _layout(options, header).values():
-        wanted += [*station.position, *(station.quaternion or [])]
+        wanted += [*station.position, *(station.quaternion or []), *(station.euler.columns if station.euler else [])]
+        wanted.append(station.status)
     return {header.index(column) for column in wanted if column is not None}
 
 
@@ -163,43 +249,114 @@ def changing_columns(columns: Mapping[Any, NDArray], file: str) -> list[str]:
     return [f"{CHANGING} of {file} {verb} during the recording: {shorten(moving)}"] if moving else []
 
 
-def _rows(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[NDArray, list[str]]:
+def _rows(
+    table: NDArray, texts: Mapping[int, NDArray], header: ColumnHeader, options: ColumnMapping
+) -> tuple[NDArray, list[str]]:
     history, file = [], header.file
     if options.select is not None:
-        values = table[:, header.index(options.select.column)]
-        keep = values == options.select.value
+        column, value = options.select.column, options.select.value
+        worded = isinstance(value, str)
+        values = texts[header.index(column)] if worded else table[:, header.index(column)]
+        keep = values == value
         if not keep.any():
-            found = ", ".join(f"{v:g}" for v in np.unique(values[np.isfinite(values)])[:20])
-            raise InputError(f"no row of {file} has {options.select.value:g} in column {options.select.column!r}: "
-                             f"correct select in the mapping; the column holds {found}")  # fmt: skip
-        history.append(f"kept {int(keep.sum())} of {len(table)} rows: {options.select.column} = "
-                       f"{options.select.value:g}")  # fmt: skip
+            held = shorten(sorted(set(values))) if worded else \
+                ", ".join(f"{v:g}" for v in np.unique(values[np.isfinite(values)])[:20])
+            raise InputError(f"no row of {file} has {_word(value)} in column {column!r}: correct select in the mapping;"
+                             f" the column holds {held}")  # fmt: skip
+        history.append(f"kept {int(keep.sum())} of {len(table)} rows: {column} = {_word(value)}")
         table = table[keep]
     if options.rows is not None:
-        first, last = options.rows
-        if not 0 <= first < last <= len(table):
-            raise InputError(f"rows = [{first}, {last}] of the mapping is not within the {len(table)} rows of "
-                             f"{file}: correct rows")
-        history.append(f"kept rows {first} to {last - 1} of {len(table)}")
-        if last == len(table) - 1:
-            history.append(f"{WARNING}rows = [{first}, {last}] leaves out the last row of {file}: the second number is "
-                           f"the first row that is not read, {len(table)} for all")  # fmt: skip
-        table = table[first:last]
+        table, kept = kept_rows(table, options.rows, file)
+        history += kept
     return table, history
 
 
-def _time(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[NDArray, list[str]]:
-    if options.time is None:
+def kept_rows(table: NDArray, rows: tuple[int, int], file: str) -> tuple[NDArray, list[str]]:
+    """Return the rows of a table (R, K) from the first number up to the second, excluded, and sentences for the
+    history.
+    """
+    first, last = rows
+    if not 0 <= first < last <= len(table):
+        raise InputError(f"rows = [{first}, {last}] of the mapping is not within the {len(table)} rows of {file}: "
+                         "correct rows")
+    history = [f"kept rows {first} to {last - 1} of {len(table)}"]
+    if last == len(table) - 1:
+        history.append(f"{WARNING}rows = [{first}, {last}] leaves out the last row of {file}: the second number is "
+                       f"the first row that is not read, {len(table)} for all")  # fmt: skip
+    return table[first:last], history
+
+
+def _word(value: float | str | None) -> str:
+    return clipped(value) if isinstance(value, str) else f"{value:g}"
+
+
+def _timed(
+    table: NDArray, clock: Column | tuple[Column, Column] | None, header: ColumnHeader, options: ColumnMapping, *,
+    whole: bool,
+) -> tuple[NDArray, NDArray, list[str]]:
+    """Return the times [s] of a table's rows by the column `clock`, the rows with a time of their own, and sentences
+    for the history. With `whole`, for a shape, only equal rows at equal times are left out.
+    """
+    if clock is None:
         rate = options.rate_hz or (options.camera.rate_hz if options.camera else None)
-        return np.arange(len(table)) / float(rate or np.nan), []
-    return unwrapped(table[:, header.index(options.time)], options.time_unit, header.file)
+        time = np.arange(len(table)) / float(rate or np.nan)
+        history: list[str] = []
+        if whole:
+            return time, table, history
+    else:
+        columns = [header.index(c) for c in (clock if isinstance(clock, tuple) else (clock,))]
+        table, history = without_idle(table, columns[0], _timed_by(header, options, whole=whole), header.file)
+        ticks = table[:, columns[0]]
+        if len(columns) > 1:
+            ticks = PartedClock(columns[0], columns[1], options.time_unit).joined(table)
+        time, wrapped = unwrapped(ticks, "s" if len(columns) > 1 else options.time_unit, header.file)
+        history += wrapped
+    keep, more = without_repeats(time, header.file, table[:, sorted(_numeric(header, options))] if whole else None)
+    time, table = time[keep], table[keep]
+    if len(same := np.flatnonzero(np.diff(time) == 0)):
+        raise InputError(f"{header.file}: time must increase strictly, but {len(same)} pair(s) of rows have the "
+                         f"same time and different values, the first {time[same[0]]:.6g} s: write the times with "
+                         "all digits, or keep one run by rows = [first, last] in the mapping")  # fmt: skip
+    return time, table, [*history, *more]
+
+
+def without_idle(table: NDArray, clock: int, columns: Collection[int], file: str) -> tuple[NDArray, list[str]]:
+    """Return the rows of a table (R, K) without those that have neither a time in the column `clock` nor a value in
+    `columns`, such as the end of a shorter column, and a sentence for the history that counts them.
+    """
+    others = sorted(set(columns) - {clock})
+    idle = np.isnan(table[:, clock]) & np.isnan(table[:, others]).all(axis=1)
+    count = int(idle.sum())
+    if not count or idle.all():
+        return table, []
+    return table[~idle], [f"{count} row(s) of {file} have neither a time nor values and are left out"]
+
+
+def _timed_by(header: ColumnHeader, options: ColumnMapping, *, whole: bool) -> set[int]:
+    """Return the indices of the columns whose times are those of the shape (`whole`) or else of the inputs."""
+    inputs = [*(options.pressure.columns if options.pressure else []),
+              *(column for group in options.inputs for column in group.columns)]  # fmt: skip
+    clocked = {header.index(column) for column in inputs}
+    if options.input_time is None:
+        return _numeric(header, options)
+    shape = _numeric(header, options) - clocked - {header.index(options.input_time)}
+    return shape if whole else clocked
+
+
+def _numeric(header: ColumnHeader, options: ColumnMapping) -> set[int]:
+    return _used(header, options) - _worded(header, options)
 
 
 def _turning(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[dict[str, Any], list[str]]:
     """Return the arguments of `make_recording` for stations of which only the angles were measured."""
     angles = options.angles or {}
-    columns = [header.index(column) for column in angles.values()]
-    angle, turns = whole_turns(table[:, columns] * radian_per(options.angle_unit or "rad"))
+    listed = {name: columns if isinstance(columns, list) else [columns] for name, columns in angles.items()}
+    measured = {name: table[:, [header.index(column) for column in columns]] for name, columns in listed.items()}
+    if any(len(columns) > 1 for columns in listed.values()):
+        angle, turns = turning_angles(measured, header.file)
+    else:
+        stored = np.concatenate([*measured.values()], axis=1)
+        angle, turns = whole_turns(stored * radian_per(options.angle_unit or "rad"))
     return {"angle": angle, "station": list(angles), "frame": "planar", "arc_length": options.arc_length}, turns
 
 
@@ -238,51 +395,19 @@ def _layout(options: ColumnMapping, header: ColumnHeader) -> dict[str, StationCo
     return stations
 
 
-def _stations(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[dict[str, Any], list[str]]:
-    stations = _layout(options, header)
-    position = np.zeros((len(table), len(stations), 3))
-    quaternion = np.full((len(table), len(stations), 4), np.nan)
-    history = []
-    for s, columns in enumerate(stations.values()):
-        indices = [header.index(c) for c in columns.position]
-        position[:, s, : len(indices)] = table[:, indices] * metre_per(options.length_unit or "m")
-        if columns.quaternion is not None:
-            quaternion[:, s] = table[:, [header.index(c) for c in columns.quaternion]]
-    if any(len(c.position) == 2 for c in stations.values()):
-        history.append("stations with two coordinates got z = 0")
-    arrays: dict[str, Any] = {"position": position, "station": list(stations), "arc_length": options.arc_length}
-    if not np.isnan(quaternion).all():
-        arrays["quaternion"] = quaternion
-    return arrays, history
-
-
-def _pressure(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> dict[str, Any]:
-    if options.pressure is None:
+def trials_in_table(path: Path, mapping: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the options of each trial of a table by the trial's value in the column of `select`, where the mapping
+    states no value; empty otherwise.
+    """
+    mapping, _ = completed(mapping, _first_cells(path, mapping), path.name)
+    options = ColumnMapping.load(mapping, path.name)
+    if options.select is None or options.select.value is not None:
         return {}
-    indices = [header.index(c) for c in options.pressure.columns]
-    values = table[:, indices] * pascal_per(options.pressure.unit)
-    chamber = [str(c) for c in options.pressure.columns] if len(indices) > 1 else None
-    return {"pressure": values, "chamber": options.pressure.chamber or chamber}
+    column = options.select.column
+    probe = options.model_copy(update={"select": options.select.model_copy(update={"value": ""})})
+    header, _, texts, _ = _table(path, probe)
+    words = list(dict.fromkeys(word for word in texts[header.index(column)] if word))
+    numbers = all(NUMBER.fullmatch(word) for word in words)
+    return {word: {**mapping, "select": {"column": column, "value": float(word) if numbers else word}}
+            for word in words}  # fmt: skip
 
-
-INPUT_SI = {"tension": newton_per, "displacement": metre_per, "angle": radian_per}
-
-
-def _inputs(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> dict[str, Any]:
-    """Return the arguments of `make_recording` for the inputs other than pressure."""
-    if not options.inputs:
-        return {}
-    values, names, kinds = [], [], []
-    for group in options.inputs:
-        indices = [header.index(c) for c in group.columns]
-        given = group.names or [header.names[i] if header.names else f"column_{i}" for i in indices]
-        if len(given) != len(indices):
-            raise InputError(f"the mapping for {header.file} gives {len(given)} names to {len(indices)} columns of "
-                             "inputs: give one name to each column")  # fmt: skip
-        values.append(table[:, indices] * INPUT_SI[group.kind](group.unit))
-        names += given
-        kinds += [group.kind] * len(indices)
-    return {"actuation": np.concatenate(values, axis=1), "input_names": names, "input_kind": kinds}
-
-
-READER = Reader("columns", ENDINGS["columns"], read_columns, needs_mapping=True)

@@ -20,7 +20,7 @@ from pliant.recording.column_names import is_time, parted, standard_names
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
-from pliant.recording.tables import find_delimiter, read_rows, read_text, split_cells
+from pliant.recording.tables import find_delimiter, preamble_of, read_rows, read_text, split_cells
 from pliant.recording.wide_csv import pressure_unit, pressures_of
 from pliant.units import metre_per, radian_per
 
@@ -55,8 +55,8 @@ class CurvatureMapping(FileMapping):
         Default: the unit in the name of the time column, else seconds.
     rate_hz : float, optional
         Frame rate of a table without a column of time.
-    skip_lines : int
-        Lines before the row of names.
+    skip_lines : int, optional
+        Lines before the row of names. Default: those with at most half as many cells as its rows.
     """
 
     curvature_unit: Literal["1/m", "1/cm", "1/mm"]
@@ -67,15 +67,16 @@ class CurvatureMapping(FileMapping):
     components: tuple[str, str] | None = None
     time_unit: Literal["s", "ms", "us"] | None = None
     rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    skip_lines: int = Field(default=0, ge=0)
+    skip_lines: int | None = Field(default=None, ge=0)
 
 
 def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read a table of curvature along a fibre, integrate it to a shape and return the shape as a recording."""
     options = CurvatureMapping.load(mapping, path.name)
-    lines, first_line = read_text(path).split("\n"), options.skip_lines
+    lines = read_text(path).split("\n")
+    first_line = preamble_of(lines) if options.skip_lines is None else options.skip_lines
     if len(lines) <= first_line or not lines[first_line].strip():
-        raise InputError(f"{path.name} has no row of column names after its first {options.skip_lines} line(s): "
+        raise InputError(f"{path.name} has no row of column names after its first {first_line} line(s): "
                          "reduce skip_lines in its mapping")
     delimiter = find_delimiter(lines[first_line], path.name)
     names = split_cells(lines[first_line], delimiter)

@@ -17,6 +17,7 @@ import numpy as np
 from pliant.errors import InputError, clipped, inside
 from pliant.recording.apart import read_apart
 from pliant.recording.clock import without_repeats
+from pliant.recording.column_arrays import calibrated, from_counts
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
@@ -51,11 +52,15 @@ class ChannelMapping(FileMapping):
         Unit of these channels, where the file states none or a wrong one.
     chamber : list of str, optional
         Names of the chambers, one for each channel.
+    scale, zero : float or list of float
+        Raw counts become pressures by (counts - `zero`) * `scale`; one number, or one for each channel.
     """
 
     pressure: list[str] | None = None
     pressure_unit: str | None = None
     chamber: list[str] | None = None
+    scale: float | list[float] = 1.0
+    zero: float | list[float] = 0.0
 
 
 def pressure_log(
@@ -92,11 +97,13 @@ def pressure_log(
             raise InputError(f"channels {first} and {other} of {file} have different sample times: read each channel "
                              "by its own mapping")
     keep, repeats = without_repeats(time, file)
-    values = np.stack([channels[n].values * pascal_per(u) for n, u in zip(names, units, strict=True)], axis=1)[keep]
+    stored = np.stack([channels[n].values for n in names], axis=1)[keep]
+    values = from_counts(stored, options.scale, options.zero, file) * [pascal_per(unit) for unit in units]
     single = len(names) == 1 and options.chamber is None
     read = set(names)
     left = [n for n in channels if n not in read]
     findings = [f"{len(left)} channel(s) of {file} hold no pressure and were left out: {shorten(left)}"] if left else []
+    findings += calibrated(names, options.scale, options.zero, units[0])
     with inside(file):
         return make_recording(
             pressure=values, pressure_time=time[keep],

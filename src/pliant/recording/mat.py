@@ -2,46 +2,115 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pliant.errors import InputError, clipped
 from pliant.recording.apart import read_apart
-from pliant.recording.arrays import recording_from_arrays
+from pliant.recording.arrays import USUAL_NAMES, recording_from_arrays
 from pliant.recording.mapping import shorten
 from pliant.recording.registry import ENDINGS, Reader
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
     import xarray as xr
     from numpy.typing import NDArray
 
+NUMBERED = re.compile(r"[\[{]([0-9]+)[\]}]")  # of a struct or cell
 NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
 def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read the arrays of a MATLAB .mat file and return them as a recording.
 
-    A field of a struct is named ``struct.field`` in the mapping, one of the second of several structs
-    ``struct(2).field``. See `pliant.recording.arrays.ArrayMapping`.
+    A field of a struct is named ``struct.field`` in the mapping, one of the second of several structs or cells
+    ``struct(2).field``; ``struct{2}`` and ``struct[2]`` mean the same. With the entry ``struct = "train(2)"`` all names
+    are those of its fields. See `pliant.recording.arrays.ArrayMapping`.
+    """
+    arrays, others, structs = stored_arrays(path)
+    if not arrays and others:
+        raise InputError(f"{path.name} holds {shorten(others, 6)} and no array of numbers. If they are cells or "
+                         "several structs, save the file as version 7, which pliant reads: save('file.mat', '-v7')")
+    options = {role: in_round_brackets(entry) for role, entry in (mapping or {}).items()}
+    chosen = options.pop("struct", None)
+    if chosen is not None:
+        arrays = fields_of(str(chosen), arrays, structs, path.name)
+    elif len(usual := with_usual_names(structs)) == 1 and not options:
+        raise InputError(f"{path.name} holds {structs[usual[0]][0]} structs {clipped(usual[0], 40)!r}: set struct = "
+                         f'"{usual[0]}(1)" in the mapping to read one; `pliant new` makes a recording of each')
+    refuse_unnumbered(options, structs, path.name)
+    try:
+        return recording_from_arrays(arrays, options or None, path.name, others=others)
+    except InputError as error:
+        raise InputError(f"{error}{listed_structs(structs) if chosen is None else ''}") from None
+
+
+def stored_arrays(path: Path) -> tuple[dict[str, NDArray], list[str], dict[str, tuple[int, list[str]]]]:
+    """Return the numeric arrays of a .mat file by name, the names of its other variables, and for each array of structs
+    their number and fields.
     """
     with path.open("rb") as file:
         head = file.read(1024)
     is_hdf5 = b"MATLAB 7.3" in head or head[512:].startswith(b"\x89HDF") or head.startswith(b"\x89HDF")
     stored, facts = read_apart("hdf5" if is_hdf5 else "mat5", path, ".mat")
     if is_hdf5:
-        arrays, others = matlab_arrays(stored, facts)
-    else:
-        arrays, others = {name: stored[key] for name, key in facts["names"].items()}, facts["others"]
-    structs = facts.get("structs", {})
-    refuse_unnumbered(mapping, structs, path.name)
-    try:
-        return recording_from_arrays(arrays, mapping, path.name, others=others)
-    except InputError as error:
-        raise InputError(f"{error}{listed_structs(structs)}") from None
+        return *matlab_arrays(stored, facts), {}
+    structs = {name: (int(count), list(fields)) for name, (count, fields) in facts["structs"].items()}
+    return {name: stored[key] for name, key in facts["names"].items()}, facts["others"], structs
+
+
+def in_round_brackets(entry: Any) -> Any:
+    """Return an entry of a mapping with ``(2)`` for the numbers ``{2}`` and ``[2]`` of structs and cells."""
+    if isinstance(entry, str):
+        return NUMBERED.sub(r"(\1)", entry)
+    if isinstance(entry, Mapping):
+        return {name: in_round_brackets(value) for name, value in entry.items()}
+    return [in_round_brackets(value) for value in entry] if isinstance(entry, list) else entry
+
+
+def with_usual_names(structs: Mapping[str, tuple[int, list[str]]]) -> list[str]:
+    """Return the names of the arrays of structs that hold trials: several structs with a field of times or positions
+    under a usual name.
+    """
+    names = {*USUAL_NAMES["time"], *USUAL_NAMES["position"]}
+    return [name for name, (count, fields) in structs.items() if count > 1 and names & set(fields)]
+
+
+def fields_of(
+    struct: str, arrays: Mapping[str, NDArray], structs: Mapping[str, tuple[int, list[str]]], file: str
+) -> dict[str, NDArray]:
+    """Return the arrays of one struct by the names of its fields.
+
+    Raises
+    ------
+    InputError
+        When the file has no such struct, or `struct` names several.
+    """
+    fields = {name.removeprefix(f"{struct}."): array for name, array in arrays.items() if name.startswith(f"{struct}.")}
+    if fields:
+        return fields
+    if struct in structs and structs[struct][0] > 1:
+        raise InputError(f"{file} holds {structs[struct][0]} structs {clipped(struct, 40)!r}: choose one by struct = "
+                         f'"{struct}(1)" in the mapping; `pliant new` makes a recording of each')
+    known = [*structs, *dict.fromkeys(name.rpartition(".")[0] for name in arrays if "." in name)]
+    raise InputError(f"{file} has no struct {clipped(struct, 40)!r}: correct struct in the mapping; it has "
+                     f"{shorten(known, 8) or 'none'}")
+
+
+def trials_in_mat(path: Path, mapping: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
+    """Return the options of each trial of a .mat file whose trials are several structs, by the number of the trial;
+    empty if the file holds one trial.
+    """
+    options = dict(mapping or {})
+    _, _, structs = stored_arrays(path)
+    named = in_round_brackets(options.get("struct"))
+    name = named if named is not None else next(iter(with_usual_names(structs) if not options else []), None)
+    count = structs.get(str(name), (0, []))[0]
+    return {str(k): options | {"struct": f"{name}({k})"} for k in range(1, count + 1)} if count > 1 else {}
 
 
 def listed_structs(structs: Mapping[str, Any]) -> str:

@@ -31,12 +31,16 @@ LONGEST_END = 22 + 65535  # bytes of the record at the end of an archive, with i
 
 def read_npz(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read the arrays of a NumPy .npz file and return them as a recording."""
+    return recording_from_arrays(arrays_of(path), mapping, path.name)
+
+
+def arrays_of(path: Path) -> dict[str, Any]:
+    """Return the arrays of an .npz file by name."""
     try:
         with path.open("rb") as stream:
-            arrays = read_arrays(stream, path.stat().st_size, path.name)
+            return read_arrays(stream, path.stat().st_size, path.name)
     except OSError as error:
         raise InputError(f"{path.name} cannot be read: {error.strerror or error}") from None
-    return recording_from_arrays(arrays, mapping, path.name)
 
 
 def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from pliant.files import regular_file
 from pliant.plugins import offered
 from pliant.recording.linear import scaled, without_lines
 from pliant.recording.lost import without_lost
+from pliant.recording.per_file import options_of
 from pliant.recording.published import PREFIX, published_path
 from pliant.recording.schema import append_history, check_recording
 from pliant.recording.stated import Reading, judge_stated
@@ -37,7 +38,7 @@ BUILT_IN = {  # name -> the reader and the endings of its files: only readers of
     "sleap": ("pliant.recording.sleap:READER", (".h5", ".hdf5")),
     "netcdf": ("pliant.recording.netcdf:READER", (".nc", ".nc4", ".cdf", ".h5", ".hdf5")),
     "c3d": ("pliant.recording.c3d:READER", (".c3d",)),
-    "columns": ("pliant.recording.columns:READER", (".txt", ".dat")),
+    "columns": ("pliant.recording.wide_csv:COLUMNS", (".txt", ".dat", ".log")),
     "npz": ("pliant.recording.npz:READER", (".npz",)),
     "mat": ("pliant.recording.mat:READER", (".mat",)),
     "curvature": ("pliant.recording.curvature:READER", (".csv", ".tsv", ".txt")),
@@ -51,6 +52,7 @@ BUILT_IN = {  # name -> the reader and the endings of its files: only readers of
 }
 ENDINGS = {name: endings for name, (_, endings) in BUILT_IN.items()}
 
+KEYS = {"curvature": {"curvature_unit", "curvature", "components"}}  # of a mapping, which name the format of the file
 MARKS = {  # words anywhere in the first bytes that show which program wrote a file
     "deeplabcut": (b"scorer", b"bodyparts", b"coords"),
     "sleap": (b"track_occupancy",),
@@ -110,6 +112,7 @@ def read_recording(
     mapping : dict, optional
         Information that the file lacks: columns and units of a plain table, names of arrays, the unit
         of length. The keys depend on the format; see the module of its reader. ``format`` is the next entry;
+        ``files`` holds options of single files, see `pliant.recording.per_file`;
         ``linear`` scales channels of any format, see `pliant.recording.linear`; ``hold`` states whether inputs keep
         the value of a row until the next, see `pliant.recording.typed_steps`; ``incomplete = true`` reads a file that
         holds fewer samples than it states.
@@ -142,6 +145,7 @@ def read_recording(
     _check_exists(path)
     if mapping is not None and not hasattr(mapping, "items"):
         raise InputError(f"mapping must be a dict of options, not {type(mapping).__name__}")
+    mapping = options_of(path, mapping)
     mapping, format = _without(mapping, "format", format)  # noqa: A001
     mapping, incomplete = _without(mapping, "incomplete", None)
     if incomplete not in (None, True, False):
@@ -237,6 +241,8 @@ def describes_columns(mapping: Mapping[str, Any]) -> bool:
 def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: str | None) -> Reader:
     if path.is_dir():
         name = "bag"
+    if name is None and mapping is not None:
+        name = next((one for one, keys in KEYS.items() if keys & set(mapping)), None)
     if name is None and mapping is not None and describes_columns(mapping):
         name = "columns"
     if name is not None:

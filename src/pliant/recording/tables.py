@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import re
 import warnings
 from collections import Counter
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 MISSING = ("", "nan", "NaN", "NAN", "null", "NA")
 # narrower than float(), which also takes 1_000 and digits of other scripts
 NUMBER = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|infinity)", re.IGNORECASE)
+DELIMITERS = (";", "\t", "|", ",")  # the first of them in a header line is its delimiter
+MOST_PREAMBLE = 200  # lines in which a table begins
 COMPARED_ROWS = 200  # rows before the last one that say how many digits a number has
 LONGEST_LINE = 4_000_000  # characters; a longer first line is no header
 
@@ -48,14 +51,30 @@ def read_text(path: Path) -> str:
 
 
 def find_delimiter(line: str, name: str) -> str:
-    """Return the delimiter of the cells in a header line: semicolon, tab or comma."""
+    """Return the delimiter of the cells in a header line: semicolon, tab, bar or comma."""
     if len(line) > LONGEST_LINE:
         raise InputError(f"the header of {name} is {len(line)} characters long, so this is not a text table: export "
                          "a table, or correct format in the mapping")
-    for delimiter in (";", "\t", ","):
+    for delimiter in DELIMITERS:
         if delimiter in line:
             return delimiter
     return ","
+
+
+def preamble_of(lines: Sequence[str], delimiter: str | None = None) -> int:
+    """Return the number of lines before a table, such as a title and a date: those above the first row that the two
+    rows below equal in their number of cells, if no row above has more than half as many. 0 if there is no such row.
+
+    `delimiter` is that of the table; by default the first of `DELIMITERS` in the row.
+    """
+    first = [k for k, line in enumerate(lines[:MOST_PREAMBLE]) if line.strip() and not line.startswith("#")]
+    for place, k in enumerate(first[:-2]):
+        mark = delimiter or next((one for one in DELIMITERS if one in lines[k]), None)
+        width, *below = (count_cells(lines[row], mark) for row in first[place : place + 3])
+        if width > 1 and below == [width, width]:
+            above = [count_cells(lines[row], mark) for row in first[:place]]
+            return k if all(2 * count <= width for count in above) else 0
+    return 0
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
@@ -131,14 +150,19 @@ def holds_number(cell: str) -> bool:
     return cell in MISSING or NUMBER.fullmatch(cell.replace(",", ".")) is not None
 
 
-def without_text(rows: list[str], delimiter: str | None, used: Collection[int], width: int) -> list[str]:
-    """Return the rows of a table of `width` columns with "nan" in the columns that hold text and are not in `used`.
+def without_text(
+    rows: list[str], delimiter: str | None, used: Collection[int], width: int, *, header: bool = True,
+    words: Collection[int] = (),
+) -> list[str]:
+    """Return the rows of a table of `width` columns with "nan" in the columns that hold text and are not in `used`, and
+    in the columns `words`.
 
-    Whether a column holds text is judged by its first `COMPARED_ROWS` cells.
+    Whether a column holds text is judged by its first `COMPARED_ROWS` cells; in a table without a header by those after
+    the first row, which may be a header that was not stated.
     """
-    first = [split_cells(row, delimiter) for row in rows[:COMPARED_ROWS] if row.strip()]
+    first = [split_cells(row, delimiter) for row in rows[:COMPARED_ROWS] if row.strip()][0 if header else 1 :]
     text = {k for cells in first if len(cells) == width for k, cell in enumerate(cells) if not holds_number(cell)}
-    if not (text := text - set(used)):
+    if not (text := (text - set(used)) | set(words)):
         return rows
     emptied = []
     for row in rows:
@@ -236,7 +260,9 @@ def _parse_slowly(rows: Sequence[tuple[int, str]], name: str, delimiter: str | N
                 raise InputError(f"line {number}, cell {index + 1} of {name} holds a list in quotes, {cell[:40]!r}: "
                                  "write one number in each cell")
             if not NUMBER.fullmatch(text):
-                raise InputError(f"line {number}, cell {index + 1} of {name} is not a number: {cell[:40]!r}; correct "
-                                 "it, or leave the cell empty")
+                remedy = "correct it, or leave the cell empty"
+                if re.fullmatch("[A-Za-z_#/<>*.-]{1,20}", cell):
+                    remedy = f"if it marks a missing value, state na = [{json.dumps(cell)}] in the mapping"
+                raise InputError(f"line {number}, cell {index + 1} of {name} is not a number: {cell[:40]!r}; {remedy}")
             values.append(float(text))
     return np.array(values).reshape(len(rows), -1)

@@ -22,15 +22,19 @@ from pydantic import ConfigDict, Field
 
 from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
+from pliant.recording.cells import with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.column_names import standard_names
-from pliant.recording.columns import changing_columns
+from pliant.recording.column_names import parted_clock, pressures_named, standard_names, unitless_pressures
+from pliant.recording.columns import changing_columns, kept_rows, read_columns, without_idle
 from pliant.recording.mapping import FileMapping, shorten
+from pliant.recording.named_columns import CLOCKS
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
-from pliant.recording.stated import Reading, Stated
+from pliant.recording.stated import WARNING, Reading, Stated
 from pliant.recording.tables import (
     find_delimiter,
+    holds_number,
+    preamble_of,
     read_rows,
     read_text,
     repeated_names,
@@ -46,7 +50,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us"}
 KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 HELD = frozenset((  # variables and coordinates that a table and its metadata hold
     "time", "station", "axis", "component", "position", "quaternion", "angle", "arc_length", "pressure",
@@ -70,7 +73,9 @@ class TableMetadata(FileMapping):
     arc_length: list[float] | None = None
     frame: str = "tracker"
     nominal_pressure: float | None = None
-    rows: int | None = None
+    rows: int | tuple[int, int] | None = None  # as pliant writes them; or [first, last] to keep
+    na: list[str | float] = Field(default=[])
+    pressure_unit: str | None = None  # of columns whose names say pressure and no unit
     history: str = ""
     source: str | None = None
     source_format: str | None = None
@@ -80,27 +85,63 @@ class TableMetadata(FileMapping):
     attributes: dict[str, str | int | float] = Field(default={})
 
 
+BENT = re.compile(r"(?:curvature|curv|kappa)", re.IGNORECASE)  # beginning of names of curvatures
+COLUMNS_ALONE = frozenset(("rate_hz", "time", "select", "time_unit", "input_time", "camera"))
 KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
 
 def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
-    """Read a wide CSV file as a recording; the options in `mapping` replace metadata in the file."""
+    """Read a wide CSV file as a recording; the options in `mapping` replace metadata in the file. With options that
+    only a table of columns has, such as ``rate_hz``, it is read as such a table.
+    """
+    if COLUMNS_ALONE & set(mapping or {}):
+        return Reading(read_columns(path, mapping))
     lines = read_text(path).split("\n")
     metadata, start = _metadata(path, lines)
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
     metadata = TableMetadata.load(metadata, path.name, "metadata of").model_dump(exclude_unset=True)
     delimiter = find_delimiter(lines[start], path.name)
-    names, unit, renamed = standard_names(split_cells(lines[start], delimiter), path.name)
+    cells = split_cells(lines[start], delimiter)
+    names, unit, renamed = standard_names(cells[:-1] if cells[-1] == "" else cells, path.name)
+    if "pressure_unit" in metadata:
+        names, more = pressures_named(names, metadata["pressure_unit"], path.name)
+        renamed = [*renamed, *more]
+    if fraction := None if set(CLOCKS) & set(names) else parted_clock(names):
+        names[fraction.seconds] = "t"
     _check_names(names, path.name)
     if unit and metadata.setdefault("length_unit", unit) != unit:
         raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "
                          f"{metadata['length_unit']}: correct one")
-    used = [k for k, name in enumerate(names) if is_known(name)]
-    table, findings = read_rows(lines, start + 1, delimiter, path.name, len(names), used)
+    used = [k for k, name in enumerate(names) if is_known(name) or (fraction and k == fraction.fraction)]
+    table, findings = _numbers(lines, start + 1, delimiter, names, used, metadata, path.name)
+    if fraction:
+        table[:, fraction.seconds] = fraction.joined(table)
+        names.pop(fraction.fraction)
+        table = np.delete(table, fraction.fraction, axis=1)
+    above = sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in lines[:start])
+    findings += [f"{above} line(s) above the table of {path.name} were skipped"] if above else []
     findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
+    rows = metadata.get("rows")
+    if isinstance(rows, tuple):
+        table, kept = kept_rows(table, rows, path.name)
+        findings += kept
     columns = dict(zip(names, table.T, strict=True))
-    stated = [Stated("rows", "its metadata", metadata["rows"], len(table))] if "rows" in metadata else []
+    stated = [Stated("rows", "its metadata", rows, len(table))] if isinstance(rows, int) else []
     return Reading(_recording(columns, metadata, path.name, findings), tuple(stated))
+
+
+def _numbers(
+    lines: list[str], first: int, delimiter: str, names: list[str], used: list[int], metadata: dict[str, Any], file: str
+) -> tuple[NDArray, list[str]]:
+    """Return the numbers (R, K) of the rows from ``lines[first]`` on, and sentences for the history."""
+    rows, findings = without_trailing(lines[first:], delimiter, len(names), file)
+    if metadata.get("na"):
+        rows, marked = without_marks(rows, delimiter, used, metadata["na"], file)
+        findings += marked
+    rows, clock = with_seconds(rows, delimiter, next(k for k, name in enumerate(names) if name in CLOCKS), file)
+    table, cut = read_rows([*lines[:first], *rows], first, delimiter, file, len(names), used)
+    table, untimed = without_idle(table, next(k for k, name in enumerate(names) if name in CLOCKS), used, file)
+    return table, [*findings, *clock, *cut, *untimed]
 
 
 def write_wide_csv(recording: xr.Dataset, path: Path) -> None:
@@ -163,6 +204,7 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
     start = next((i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] != "#"), None)
     if start is None:
         raise InputError(f"{path.name} holds only comments, no header and no rows: copy or export it again")
+    start = max(start, preamble_of(lines))
     text = next((c for c in (line.lstrip()[1:].strip() for line in lines[:start]) if c.startswith("{")), "")
     origin = "its comment line"
     sidecar = path.with_suffix(".json")
@@ -181,6 +223,9 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
 
 
 def _check_names(names: list[str], file: str) -> None:
+    if names and all(map(holds_number, names)):
+        raise InputError(f"the first row of {file} holds numbers and no names: give a mapping that names its columns "
+                         f"by index, 0 to {len(names) - 1}")
     if repeated := repeated_names(names):
         raise InputError(f"{file} has repeated column names: {shorten(repeated, 5)}: rename them")
     clocks = [n for n in names if n in CLOCKS]
@@ -200,6 +245,13 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     ignored = [n for n in columns if not is_known(n)]
     if ignored:
         history.append(f"{len(ignored)} column(s) of {file} have unknown names and were left out: {shorten(ignored)}")
+        if len(bent := [name for name in ignored if BENT.match(name)]) > 1:
+            history.append(f"{WARNING}{len(bent)} column(s) of {file} seem to hold curvatures, such as "
+                           f"{shown(bent[0])}: state curvature (the beginning of these names) and curvature_unit in "
+                           "its mapping")  # fmt: skip
+        if bare := unitless_pressures(ignored):
+            history.append(f"{WARNING}{len(bare)} column(s) of {file} seem to hold pressures without a unit, such as "
+                           f"{shown(bare[0])}: state pressure_unit in its mapping to read them")  # fmt: skip
         history += changing_columns({name: columns[name] for name in ignored}, file)
     arrays: dict[str, Any] = {}
     if labels:
@@ -350,4 +402,16 @@ def _recognises(head: bytes) -> bool:
     return not (head.startswith((b"Format Version", b"\xef\xbb\xbfFormat Version")) or b"\0" in head[:512])
 
 
+def read_text_table(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading | xr.Dataset:
+    """Read a text table by a mapping of its columns or, without one, as a wide CSV if its first row names the time."""
+    if not mapping:
+        lines = read_text(path).split("\n")
+        line = next((one for one in lines[preamble_of(lines) :] if one.strip() and not one.startswith("#")), "")
+        names = split_cells(line, find_delimiter(line, path.name))
+        if any(name in CLOCKS for name in standard_names(names, path.name).names):
+            return read_wide_csv(path)
+    return read_columns(path, mapping)
+
+
 READER = Reader("csv", ENDINGS["csv"], read_wide_csv, _recognises)
+COLUMNS = Reader("columns", ENDINGS["columns"], read_text_table, needs_mapping=True)

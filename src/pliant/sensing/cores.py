@@ -12,6 +12,7 @@ from pliant.errors import InputError, clipped
 from pliant.recording import read
 from pliant.recording.luna import combine_cores
 from pliant.recording.mapping import FileMapping
+from pliant.recording.per_file import options_of
 from pliant.recording.schema import append_history, history_of
 from pliant.sensing.recording import shape_from_strain
 from pliant.sensing.strain import CoreLayout
@@ -83,6 +84,7 @@ def read_shape(path: str | Path, mapping: Mapping[str, Any] | None = None, *, fo
     pliant.sensing.shape_from_strain
     """
     path = Path(path)
+    mapping = options_of(path, mapping) if hasattr(mapping, "items") else mapping
     if mapping is None or "cores" not in mapping:
         return read(path, mapping=mapping, format=format)
     table = mapping["cores"]

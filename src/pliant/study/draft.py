@@ -167,8 +167,7 @@ def inspect_all(
 
     With `space=None` they are aligned in space if one of them moves in space or is driven by tendons.
     """
-    pairs = with_logs([Path(f) for f in files])
-    trials = [inspect_trial(shape, mapping, log) for shape, log in pairs]
+    trials = [inspect_trial(*pair) for pair in with_logs([Path(f) for f in files], mapping)]
     spatial = any(trial.spatial or trial.tendon_inputs for trial in trials) if space is None else space
     if spatial:
         return [in_space(trial) for trial in trials]
@@ -340,8 +339,10 @@ def recording(out: Lines, trial: Trial, folder: Path, level: float | None) -> No
     out.put("file", relative(trial.path, folder))
     if trial.log is not None:
         out.put("pressure_file", relative(trial.log, folder), "its clock is synchronised with that of the shape")
-        if held_sentences(trial.recording):
-            out.put("pressure_mapping", {"hold": True}, "typed steps, held until the next row; false: linear between")
+        steps = bool(held_sentences(trial.recording))
+        if options := {**(trial.log_mapping or {}), **({"hold": True} if steps else {})}:
+            out.put("pressure_mapping", options, "typed steps, held until the next row; false: linear between"
+                    if steps else "")
     if trial.mapping:
         out.put("mapping", trial.mapping)
     if (moving := moving_beside(trial)) is not None:
@@ -358,7 +359,7 @@ def recording(out: Lines, trial: Trial, folder: Path, level: float | None) -> No
         if kind == "step":
             out.put("excitation", "step", "the body does not return, so the end of the pulse was not recorded")
         stated = level is not None
-        value, origin = (level, "as you stated") if stated else (trial.highest_pa, "from the name of the file")
+        value, origin = (level, "as you stated") if stated else (trial.highest_pa, "from the file or its name")
         out.ask("nominal_pressure", f"kPa gauge, the pressure level of the {kind} in {trial.path.name}",
                 None if value is None else value / 1e3, origin)
         out.put("pressure_unit", "kPa")

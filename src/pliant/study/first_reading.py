@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import xarray as xr
 
 from pliant.errors import InputError
 from pliant.files import regular_file
 from pliant.recording import read, readers
+from pliant.recording.per_file import options_of, refuse_idle
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
+from pliant.recording.trials import trials_of
 from pliant.sensing import read_shape
 
 TRACKERS = ("deeplabcut", "sleap")
@@ -56,36 +60,94 @@ def several(recording: xr.Dataset) -> list[str]:
     return names if len(names) > 1 else []
 
 
+WORD = re.compile(r"[a-z]+|[0-9]+")
 LOGS = (".csv", ".txt", ".tsv", ".log", ".dat", ".mat", ".npz", ".lvm", ".tdms", ".mcap", ".db3")
 
 
-def with_logs(files: Sequence[Path]) -> list[tuple[Path, Path | None]]:
-    """Pair each file that holds a shape with the file that holds its pressure alone, or with None.
+class WithLog(NamedTuple):
+    """A file that holds a shape, the file of its inputs alone (None: no such file), the options of both files, and the
+    name of the trial if the file of the shape holds several.
+    """
 
-    A log belongs to the recording whose name begins with the log's name, or the reverse; of several, the longest name.
+    shape: Path
+    options: dict[str, Any] | None = None
+    log: Path | None = None
+    log_options: dict[str, Any] | None = None
+    trial: str = ""
+
+
+def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -> list[WithLog]:
+    """Pair each file that holds a shape with the file that holds its inputs alone, if there is one.
+
+    A log belongs to the recording whose name begins with the log's name, or the reverse (of several, the longest);
+    otherwise to the recording whose name shares most words and numbers with the log's. A single log belongs to a single
+    recording.
 
     Raises
     ------
     InputError
-        When a log's name matches no recording, or one that has another log already.
+        When a log fits no recording or several, or two logs fit one.
     """
-    logs = [f for f in files if holds_pressure_alone(f)]
-    shapes: dict[Path, Path | None] = {f: None for f in files if f not in logs}
-    for log in logs:
-        named = [f for f in shapes if log.stem.startswith(f.stem) or f.stem.startswith(log.stem)]
-        best = max(named, key=lambda f: len(f.stem), default=None)
-        if best is None or shapes[best] is not None:
-            raise InputError(f"{log.name} holds pressure alone, and a study needs the shape too: add the recording to "
-                             f"which it belongs, with the same start of its name, such as push.csv for push_log.csv")
-        shapes[best] = log
-    return list(shapes.items())
+    refuse_idle(mapping, files)
+    logs = {file: options for file in files if (options := inputs_alone(file, options_of(file, mapping))) is not None}
+    pairs = {file: WithLog(file, options_of(file, mapping)) for file in files if file not in logs}
+    for log, options in logs.items():
+        shape = shape_of(log, [*pairs])
+        if shape is None or pairs[shape].log is not None:
+            other = pairs[shape].log if shape is not None else None
+            both = f"; {shape.name} has {other.name} already" if shape is not None and other is not None else ""
+            raise InputError(f"{log.name} holds inputs alone, and a study needs the shape too: add the recording to "
+                             f"which it belongs, with a similar name, such as push_3.csv for push_3_log.csv{both}")
+        pairs[shape] = pairs[shape]._replace(log=log, log_options=options or None)
+    return [one for pair in in_folders([*pairs.values()]) for one in by_trial(pair)]
 
 
-def holds_pressure_alone(path: Path) -> bool:
-    """Return whether a file can be read without a mapping and holds pressure alone."""
+def in_folders(pairs: list[WithLog]) -> list[WithLog]:
+    """Return the pairs with the name of its folder as the trial of each file whose name another file has, as where each
+    trial has a folder of its own.
+    """
+    count = Counter(pair.shape.stem for pair in pairs)
+    return [pair._replace(trial=pair.shape.resolve().parent.name) if count[pair.shape.stem] > 1 else pair
+            for pair in pairs]  # fmt: skip
+
+
+def by_trial(pair: WithLog) -> list[WithLog]:
+    """Return a pair for each trial in the file of the shape, or the pair alone if the file holds one."""
+    trials = trials_of(pair.shape, pair.options)
+    if trials and pair.log is not None:
+        raise InputError(f"{pair.shape.name} holds {len(trials)} trials, and {pair.log.name} belongs to one of them: "
+                         "save each trial in a file of its own")
+    return [pair._replace(options=options, trial=f"{pair.trial}_{name}".lstrip("_"))
+            for name, options in trials.items()] or [pair]  # fmt: skip
+
+
+def shape_of(log: Path, shapes: Sequence[Path]) -> Path | None:
+    """Return the recording to which a log belongs, by its folder if only one recording is there, otherwise by its name;
+    None if there is none, or several fit alike.
+    """
+    beside = [f for f in shapes if f.parent == log.parent]
+    if len(beside) == 1:
+        return beside[0]
+    shapes = beside or shapes
+    begins = [f for f in shapes if log.stem.startswith(f.stem) or f.stem.startswith(log.stem)]
+    if begins or len(shapes) == 1:
+        return max(begins or shapes, key=lambda f: len(f.stem))
+    words = Counter(WORD.findall(log.stem.lower()))
+    shared = {f: (words & Counter(WORD.findall(f.stem.lower()))).total() for f in shapes}
+    most = max(shared.values(), default=0)
+    best = [f for f, count in shared.items() if count == most]
+    return best[0] if most and len(best) == 1 else None
+
+
+def inputs_alone(path: Path, options: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Return the options by which a file is read as inputs alone, such as a log of pressures: `options` or, if it
+    cannot be read by them, none. Return None if it holds a shape or cannot be read.
+    """
     if path.suffix.lower() not in LOGS and not is_bag_folder(path):
-        return False
-    try:
-        return set(read(path)) == {"pressure"}
-    except InputError:
-        return False
+        return None
+    for tried in [options or {}] + [{}] * bool(options):
+        try:
+            return tried if set(read(path, mapping=tried or None)) <= {"pressure", "actuation"} else None
+        except InputError:
+            continue
+    return None

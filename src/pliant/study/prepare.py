@@ -27,6 +27,7 @@ from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side
 from pliant.recording import read
 from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
+from pliant.recording.per_file import KEY
 from pliant.recording.published import PREFIX
 from pliant.recording.schema import history_of
 from pliant.recording.typed_steps import held_sentences
@@ -53,7 +54,8 @@ def load_recording(study: Study, name: str) -> xr.Dataset:
     mapping = {**({} if in_metres else {"camera": study.camera}), **study.mapping, **(entry.mapping or {})}
     recording = read_shape(path, mapping or None, format=entry.format)
     if entry.pressure_file is not None:
-        log = read(path_of(study, entry.pressure_file), mapping=entry.pressure_mapping)
+        by_name = {KEY: study.mapping[KEY]} if KEY in study.mapping else None
+        log = read(path_of(study, entry.pressure_file), mapping=entry.pressure_mapping or by_name)
         recording = with_pressure(recording, log, name, Path(entry.pressure_file).name)
     if entry.nominal_pressure is not None:
         recording = recording.assign_attrs(nominal_pressure=entry.nominal_pressure * pascal_per(entry.pressure_unit))

@@ -35,6 +35,7 @@ from pliant.units import PASCAL, pascal_per
 
 LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
 NUMBERED = re.compile(r"(.*?)[ _.:-]*\d+")  # "Tip - 1" belongs to "Tip"
+UNNAMED = re.compile(r"s\d+")  # names of stations that have none in the file
 RIGID_SHARE, RIGID_M = 0.02, 1e-3  # permitted change of distances within a rigid part, relative and in metres
 LINE = 0.15  # markers narrower than this fraction of their length lie along a body, not on a plate
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
@@ -67,6 +68,10 @@ class Trial:
         Mapping entries that were assumed in order to read the file: a camera, or units.
     log : Path or None
         File of the pressure log, if it is separate. `recording` then holds its pressure.
+    log_mapping : dict or None
+        Mapping of this file.
+    part : str
+        Name of the trial, if the file holds several.
     """
 
     path: Path
@@ -79,11 +84,14 @@ class Trial:
     problem: str = ""
     assumed: dict[str, Any] = field(default_factory=dict)
     log: Path | None = None
+    log_mapping: dict[str, Any] | None = None
+    part: str = ""
 
     @property
     def name(self) -> str:
-        """Return the name of the recording in the study, made from the file name."""
-        return re.sub(r"[^A-Za-z0-9_-]+", "_", self.path.stem) or "recording"
+        """Return the name of the recording in the study, made from the file name and the name of the trial."""
+        named = f"{self.path.stem}_{self.part}" if self.part else self.path.stem
+        return re.sub(r"[^A-Za-z0-9_-]+", "_", named) or "recording"
 
     @property
     def grouped(self) -> xr.Dataset:
@@ -163,16 +171,21 @@ class Trial:
 
     @property
     def highest_pa(self) -> float | None:
-        """Return the measured pressure farthest from 0 [Pa] or, if none was measured, the pressure stated in the file's
-        name, such as 60 kPa in "pulse_60kPa". Return None if neither is known.
+        """Return the measured pressure farthest from 0 [Pa] or, if none was measured, the nominal pressure in the file
+        or in its name, such as 60 kPa in "pulse_60kPa". Return None if none is known.
         """
         if "pressure" in self.recording:
             return peak(self.recording["pressure"].values)
+        if "nominal_pressure" in self.recording.attrs:
+            return float(self.recording.attrs["nominal_pressure"])
         named = LEVEL.search(self.path.stem)
         return float(named[1]) * pascal_per(named[2]) if named else None
 
 
-def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None, log: Path | None = None) -> Trial:
+def inspect_trial(
+    path: Path, mapping: Mapping[str, Any] | None = None, log: Path | None = None,
+    log_mapping: dict[str, Any] | None = None, part: str = "",
+) -> Trial:
     """Read a file, assess its quality, group its markers and try to align it in the plane.
 
     Parameters
@@ -182,6 +195,10 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None, log: Pat
         See `pliant.read`.
     log : Path, optional
         Separate file with the pressures, which are moved to the clock of the shape as a run of the study moves them.
+    log_mapping : dict, optional
+        Mapping of this file.
+    part : str, optional
+        Name of the trial, if the file holds several.
 
     Raises
     ------
@@ -199,12 +216,13 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None, log: Pat
         raise InputError(f"{path.name} holds {held}")
     unsynchronised = ""
     if log is not None:
-        recording, unsynchronised = with_log(recording, log, path.stem)
+        recording, unsynchronised = with_log(recording, log, path.stem, log_mapping)
     assessed = quality(recording)
     if unsynchronised:
         assessed = replace(assessed, doubts={**assessed.doubts, "clock of the log": unsynchronised})
     recording = leave_out_glitches(leave_out_frozen(recording))
-    trial = Trial(path, recording, assessed, kept, assumed=assumed, log=log)
+    trial = Trial(path, recording, assessed, kept, assumed=assumed, log=log, log_mapping=log_mapping,
+                  part=part)  # fmt: skip
     if trial.angles_only:
         return replace(trial, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":
@@ -214,11 +232,13 @@ def inspect_trial(path: Path, mapping: Mapping[str, Any] | None = None, log: Pat
     return trial if trial.capped else with_alignment(trial)
 
 
-def with_log(recording: xr.Dataset, log: Path, name: str) -> tuple[xr.Dataset, str]:
+def with_log(
+    recording: xr.Dataset, log: Path, name: str, mapping: Mapping[str, Any] | None = None
+) -> tuple[xr.Dataset, str]:
     """Return the recording with the pressures of a separate log on the clock of the shape, and "". If the offset
     between the two clocks cannot be estimated, return the pressures on the log's own clock, and the reason.
     """
-    joined = with_pressure(recording, read(log), name, log.name)
+    joined = with_pressure(recording, read(log, mapping=mapping), name, log.name)
     try:
         offset = sync(joined, drift=True)
     except InputError as error:
@@ -287,8 +307,11 @@ def clusters(names: Sequence[str]) -> dict[str, list[str]]:
 
 def one_body(names: Sequence[str]) -> dict[str, list[str]]:
     """Return one group of all markers if their names differ by numbers alone, such as ``Tip - 1``, ``Tip - 2`` and
-    ``Tip - 3``; otherwise an empty dict. At least three markers are needed.
+    ``Tip - 3``; otherwise an empty dict. At least three markers are needed. Names such as ``s000`` are given by a
+    reader and say nothing of a plate.
     """
+    if all(UNNAMED.fullmatch(name) for name in names):
+        return {}
     labels = {match[1].strip(" _.:-").lower() if (match := NUMBERED.fullmatch(name)) else name for name in names}
     label = re.sub(r"[^a-z0-9]+", "_", labels.pop()) or "body"
     return {label: list(names)} if not labels and len(names) >= 3 else {}

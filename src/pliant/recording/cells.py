@@ -1,0 +1,138 @@
+"""Rewrite the cells of a text table before its numbers are parsed: marks of missing values, times of day, status words
+and delimiters at the ends of rows. Every change is counted.
+"""
+
+from __future__ import annotations
+
+import re
+from datetime import date
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pliant.errors import InputError, clipped
+from pliant.recording.tables import NUMBER, count_cells, split_cells
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Sequence
+
+    from numpy.typing import NDArray
+
+TIME_OF_DAY = re.compile(
+    r"(?:(\d{4})[-/.](\d\d?)[-/.](\d\d?)[T _])?(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)(?: ?(?:Z|UTC|[+-]\d\d:?\d\d))?"
+)
+DAY = 86400.0  # s
+LATE = 0.5  # of a day: a time of day that falls by more has passed midnight
+
+
+def without_trailing(rows: list[str], delimiter: str | None, width: int, name: str) -> tuple[list[str], list[str]]:
+    """Return the rows of a table of `width` columns without the delimiter at the end of each, and a sentence for the
+    history; unchanged unless every row has it and no cell behind it.
+    """
+    filled = [row for row in rows if row.strip()]
+    if delimiter is None or not filled or count_cells(filled[0], delimiter) != width + 1:
+        return rows, []
+    bare = [row.rstrip(" ") for row in filled]
+    if not all(row.endswith(delimiter) for row in bare[:-1]):
+        return rows, []
+    return ([row.rstrip(" ").removesuffix(delimiter) for row in rows],
+            [f"each row of {name} ends with {delimiter!r}, which begins no cell and is left out"])  # fmt: skip
+
+
+def cells_of(rows: Sequence[str], delimiter: str | None, columns: Collection[int]) -> dict[int, NDArray]:
+    """Return the texts (R,) of some columns of a table with R rows that are not blank; "" where a row is too short."""
+    split = [split_cells(row, delimiter) for row in rows if row.strip()]
+    return {k: np.array([cells[k] if k < len(cells) else "" for cells in split], object) for k in columns}
+
+
+def rewritten(
+    rows: Sequence[str], delimiter: str | None, columns: Collection[int], change: Callable[[str], str]
+) -> list[str]:
+    """Return the rows of a table with the cells of some columns replaced by `change` of the cell."""
+    result = []
+    for row in rows:
+        cells = split_cells(row, delimiter) if row.strip() else []
+        for k in columns:
+            if k < len(cells):
+                cells[k] = change(cells[k])
+        result.append((delimiter or " ").join(cells))
+    return result
+
+
+def without_marks(
+    rows: Sequence[str], delimiter: str | None, columns: Collection[int], marks: Sequence[str | float], name: str
+) -> tuple[list[str], list[str]]:
+    """Return the rows of a table with "nan" for each cell of the columns that is one of the `marks` of missing values,
+    and a sentence for the history that counts them.
+    """
+    words = {mark for mark in marks if isinstance(mark, str)}
+    numbers = {float(mark) for mark in marks if not isinstance(mark, str)}
+    count = 0
+
+    def change(cell: str) -> str:
+        nonlocal count
+        missing = cell in words or bool(numbers and NUMBER.fullmatch(cell) and float(cell) in numbers)
+        count += missing
+        return "nan" if missing else cell
+
+    changed = rewritten(rows, delimiter, columns, change)
+    listed = ", ".join(clipped(str(mark), 20) for mark in marks)
+    return changed, [f"{count} cell(s) of {name} hold {listed} and are gaps"]
+
+
+def is_time_of_day(cell: str) -> bool:
+    """Return whether a cell holds a time such as 10:11:12.5 or a date with a time, such as 2026-05-03 10:11:12.5."""
+    return TIME_OF_DAY.fullmatch(cell) is not None
+
+
+def with_seconds(rows: Sequence[str], delimiter: str | None, column: int, name: str) -> tuple[list[str], list[str]]:
+    """Return the rows of a table with times of day in a column replaced by seconds since the first row, and a sentence
+    for the history; unchanged where the first row holds no time of day.
+
+    Raises
+    ------
+    InputError
+        When the first row holds a time of day and another row does not.
+    """
+    first = next((row for row in rows if row.strip()), "")
+    cells = split_cells(first, delimiter)
+    if column >= len(cells) or not is_time_of_day(cells[column]):
+        return list(rows), []
+    zero, last, days = seconds(cells[column], name), 0.0, 0.0
+
+    def change(cell: str) -> str:
+        nonlocal last, days
+        if not cell:
+            return cell
+        now = seconds(cell, name) - zero + days
+        if now < last - LATE * DAY:
+            now, days = now + DAY, days + DAY
+        last = now
+        return repr(round(now, 9))
+
+    changed = rewritten(rows, delimiter, [column], change)
+    return changed, [f"the times of {name} are times of day; 0 s is {cells[column]}"
+                     + (f", and {days / DAY:.0f} midnight(s) were passed" if days else "")]  # fmt: skip
+
+
+def seconds(cell: str, name: str) -> float:
+    """Return a time of day in seconds since midnight or, with a date, since the year 1."""
+    match = TIME_OF_DAY.fullmatch(cell)
+    if match is None:
+        raise InputError(f"{name}: the column of time holds times of day, but one cell is {clipped(cell, 40)!r}: "
+                         "correct it, or leave it empty")
+    year, month, day, hour, minute, second = match.groups()
+    try:
+        days = date(int(year), int(month), int(day)).toordinal() if year else 0
+    except ValueError:
+        raise InputError(f"{name}: {clipped(cell, 40)!r} in the column of time is no date: write year-month-day"
+                         ) from None
+    return DAY * days + 3600 * int(hour) + 60 * int(minute) + float(second.replace(",", "."))
+
+
+def is_one_of(texts: NDArray, values: Sequence[str | float]) -> NDArray:
+    """Return a mask (R,) of the cells (R,) that equal one of the values, as text or as a number."""
+    words = {str(value) for value in values}
+    numbers = {float(v) for v in values if not isinstance(v, str)}
+    return np.array([cell in words or bool(numbers and NUMBER.fullmatch(cell) and float(cell) in numbers)
+                     for cell in texts], bool)  # fmt: skip
