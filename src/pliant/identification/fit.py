@@ -17,6 +17,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import LONGEST, fit_step
 from pliant.identification.forward_model import held_note
 from pliant.identification.identifiability import combinations, examine
+from pliant.identification.joint_prior import JointPrior
 from pliant.identification.nested import excess_phrase, inside, warm_start
 from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply, values_of
@@ -50,9 +51,12 @@ class FitOptions(TypedDict, total=False):
     starts: int
     weighting: str
     rng: np.random.Generator | int | None
+    prior: JointPrior | None
 
 
-FIT_OPTIONS: FitOptions = {"time_step": None, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0}
+FIT_OPTIONS: FitOptions = {
+    "time_step": None, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0, "prior": None,
+}
 
 
 def fit(
@@ -98,6 +102,8 @@ def fit(
         Solid cross-section of the body, m^2, against which a fitted mass is checked.
     rng : numpy.random.Generator, int or None
         Random generator or seed of the scattered starts; default: 0.
+    prior : JointPrior, optional
+        Prior of several parameters together, in place of their own priors; those that are not free are left out.
     max_evaluations : int
         Highest number of evaluations for each start.
     progress : callable, optional
@@ -134,7 +140,7 @@ def fit(
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
     time_step = how["time_step"] or fit_step(model, values_of(filled))
     check_step(model, time_step, "midpoint")
-    problem = Problem(list(experiments), model, filled, time_step, weighting)
+    problem = Problem(list(experiments), model, filled, time_step, weighting, how["prior"])
     second = independent_start(problem, given, parameters, searching, weighting) if how["starts"] > 1 else None
     warm = {name: warm_start(problem, smaller) for name, smaller in nested.items()}
     further = [x if x is second else inside(problem, x) for x in (second, *warm.values()) if x is not None]
