@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pliant.preprocessing.align import align
     from pliant.recording import read, write
     from pliant.simulation import Pulse, Step, Stepper, equilibrium, modes, simulate
-    from pliant.study import load_study, run_study
+    from pliant.study import adapt, load_study, run_study
 
 _PAGE = {
     "pliant.recording": ("read", "write"),
@@ -29,7 +29,7 @@ _PAGE = {
     "pliant.model": ("Model", "Chamber", "chain_model", "load_model", "save_model"),
     "pliant.simulation": ("Pulse", "Step", "simulate", "Stepper", "equilibrium", "modes"),
     "pliant.identification": ("experiment", "fit", "predict"),
-    "pliant.study": ("load_study", "run_study"),
+    "pliant.study": ("load_study", "run_study", "adapt"),
     "pliant.estimation": ("estimate",),
     "pliant.linear": ("linearise",),
     "pliant.exporters": ("export",),
@@ -41,7 +41,7 @@ __all__ = [  # noqa: RUF022  in the order of an analysis
     "read", "write", "align",
     "Model", "Chamber", "chain_model", "load_model", "save_model",
     "Pulse", "Step", "simulate", "Stepper", "equilibrium", "modes",
-    "experiment", "fit", "predict", "load_study", "run_study",
+    "experiment", "fit", "predict", "load_study", "run_study", "adapt",
     "estimate", "linearise", "export",
     "PliantError", "InputError",
 ]

@@ -22,10 +22,11 @@ from pliant.identification.problem import root_mean_square
 Array = np.ndarray
 Notify = Callable[[str], None]
 MOST_ROUNDS = 3  # of releasing parameters of the body from their prior
-EVALUATIONS = 60
+EVALUATIONS, TOLERANCE = 60, 1e-4  # of a search; the change of the cost at which it ends is far below its doubt
 LEAST_FRAMES = 10
 LEAST_MOTION = 0.003  # of the body's length
-LEAST_INPUT = 0.01  # of the range of an input in the whole recording: a smaller change is noise
+SEEN = 0.25  # of the prior's variance left, below which the recordings determine a direction of the mounting
+CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
 LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
 WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
 
@@ -149,7 +150,9 @@ def adapt_model(
     """
     notify = progress or (lambda _line: None)
     check_day(old, day)
-    options: dict[str, Any] = {"weighting": weighting, "loss": loss, "time_step": old.time_step}
+    options: dict[str, Any] = {
+        "weighting": weighting, "loss": loss, "time_step": old.time_step, "tolerance": TOLERANCE,
+    }
     prior, released = posterior.prior, dict[str, float]()
     result = fitted_day(posterior, day, prior, options)
     for _ in range(MOST_ROUNDS):
@@ -218,12 +221,16 @@ def judged(
     moves = all_moves(posterior, result, prior)
     errors = []
     for exp in (*day.fitted, *day.judged):
-        before = error_of(exp, replace(old, rmse={**old.rmse}))
+        before = error_of(exp, old)
         after = result.rmse[exp.name] if exp.name in result.rmse else error_of(exp, result)
         errors.append(DayError(exp.name, "fitted" if exp in day.fitted else "judged", before, after, exp.travel))
-    changed = tuple(m.name for m in moves if m.belongs == "body" and m.moved is not None and abs(m.moved) > FAR)
-    verdict, sentence = verdict_of(old, moves, errors, changed, kind=kind)
-    return Adaptation(verdict, sentence, changed, moves, tuple(errors), day.seconds, result)
+    verdict, sentence = verdict_of(old, moves, errors, mounting_moved(moves, result), kind=kind)
+    return Adaptation(verdict, sentence, changed_body(moves), moves, tuple(errors), day.seconds, result)
+
+
+def changed_body(moves: Sequence[Move]) -> tuple[str, ...]:
+    """Return the parameters of the body that moved by more than four of their standard deviations."""
+    return tuple(m.name for m in moves if m.belongs == "body" and m.moved is not None and abs(m.moved) > FAR)
 
 
 def error_of(exp: Experiment, result: FitResult) -> float:
@@ -231,10 +238,38 @@ def error_of(exp: Experiment, result: FitResult) -> float:
     return root_mean_square(predict_held_out(exp, result)[0]["compared"], exp.compared)
 
 
+def mounting_moved(moves: Sequence[Move], result: FitResult) -> str:
+    """Return a phrase on the parameters of the mounting that moved, '' if none did.
+
+    Recordings may show that the mounting moved without telling one of its parameters from another. All of them
+    together are therefore judged by the covariance of the fit.
+    """
+    mine = [m for m in moves if m.belongs == "mounting" and m.name != COMMON]
+    clear = [m.name for m in moves if m.belongs == "mounting" and m.clear]
+    if clear:
+        return join_words(clear)
+    found = result.covariance
+    if found is None or not mine:
+        return ""
+    index = [found.names.index(m.name) for m in mine]
+    std = np.array([m.prior_std for m in mine])
+    size, turn = np.linalg.eigh(found.matrix[np.ix_(index, index)] / np.outer(std, std))
+    away = turn.T @ (np.array([m.after - m.before for m in mine]) / std)
+    seen = size < SEEN
+    distance = float(np.sum(away[seen] ** 2 / np.maximum(size[seen], 1e-9)))
+    if distance <= seen.sum() + CLEARLY * np.sqrt(2.0 * seen.sum()):
+        return ""
+    largest = sorted(mine, key=lambda m: -abs(m.after - m.before) / m.prior_std)[:3]
+    return f"the mounting as a whole, most of all {join_words([m.name for m in largest])}, which make up for each other,"
+
+
 def verdict_of(
-    old: FitResult, moves: Sequence[Move], errors: Sequence[DayError], changed: Sequence[str], *, kind: bool,
+    old: FitResult, moves: Sequence[Move], errors: Sequence[DayError], mounting: str, *, kind: bool,
 ) -> tuple[Verdict, str]:
-    """Return the verdict on an arm of another day, and a sentence with the reason."""
+    """Return the verdict on an arm of another day, and a sentence with the reason. `mounting` is a phrase on the
+    parameters of the mounting that moved, '' for none.
+    """
+    changed = changed_body(moves)
     fitted = max(e.after / e.travel for e in errors if e.role == "fitted")
     body = [m for m in moves if m.belongs == "body"]
     usual = max(old.rmse.values(), default=0.0) / max(e.travel for e in errors)
@@ -247,10 +282,8 @@ def verdict_of(
                   "standard deviations")  # fmt: skip
         return "another arm", f"Another arm: {reason}. Identify it anew, from these start values."
     if changed:
-        listed = join_words([f"{m.name} {m.before:.4g} to {m.after:.4g} {m.unit} ({m.moved:+.0f} sd)".replace(" 1 (", " (")
-                             for m in moves if m.name in changed])  # fmt: skip
+        listed = join_words([m.sentence for m in moves if m.name in changed])
         return "changed body", f"The body changed: {listed}."
-    moved = [m.name for m in moves if m.belongs == "mounting" and m.clear]
-    if moved:
-        return "re-mounted", f"The same arm, mounted anew: {join_words(moved)} moved; no parameter of the body did."
+    if mounting:
+        return "re-mounted", f"The same arm, mounted anew: {mounting} moved; no parameter of the body did."
     return "same arm", "The same arm in the same mounting: no parameter moved beyond its doubt."

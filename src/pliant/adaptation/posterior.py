@@ -69,8 +69,6 @@ def posterior_of(result: FitResult, recordings: Collection[str]) -> Posterior:
     shared = [p for p in result.parameters if p.name.partition(".")[0] not in recordings or "." not in p.name]
     body = [p for p in shared if not of_mounting(p.name) and p.name not in OF_A_RECORD]
     free = [p for p in body if p.free]
-    if result.covariance is None:
-        raise InputError("this fit has no covariance of its parameters, which another day starts from: run it again")
     if not free:
         raise InputError("this fit has no free parameter of the body that another day could update: run a study "
                          "in which stiffness, damping or gains are free")  # fmt: skip
@@ -86,7 +84,8 @@ def gaussian_of(result: FitResult, free: Sequence[Parameter]) -> JointPrior:
     own size as standard deviation, or its prior's.
     """
     found = result.covariance
-    assert found is not None  # noqa: S101  checked by the caller
+    if found is None:
+        raise InputError("this fit has no covariance of its parameters, which another day starts from: run it again")
     index = [found.names.index(p.name) for p in free]
     matrix = found.matrix[np.ix_(index, index)].copy()
     for i, p in enumerate(free):

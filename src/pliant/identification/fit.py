@@ -52,10 +52,11 @@ class FitOptions(TypedDict, total=False):
     weighting: str
     rng: np.random.Generator | int | None
     prior: JointPrior | None
+    tolerance: float
 
 
 FIT_OPTIONS: FitOptions = {
-    "time_step": None, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0, "prior": None,
+    "time_step": None, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0, "prior": None, "tolerance": 1e-9,
 }
 
 
@@ -104,6 +105,8 @@ def fit(
         Random generator or seed of the scattered starts; default: 0.
     prior : JointPrior, optional
         Prior of several parameters together, in place of their own priors; those that are not free are left out.
+    tolerance : float
+        Relative change of the cost at which a search ends; default: 1e-9.
     max_evaluations : int
         Highest number of evaluations for each start.
     progress : callable, optional
@@ -149,11 +152,11 @@ def fit(
         problem.hold_to_start()
     else:
         check_identifiable(problem)
-    best = solve_all(problem, simulable, loss, max_evaluations, progress)
+    best = solve_all(problem, simulable, loss, max_evaluations, progress, how["tolerance"])
     agreeing = best.agreeing
     for _ in range(2 if problem.learns else 0):
         problem.learn_sizes(best.x)
-        best = solve(problem, best.x, loss, max_evaluations)
+        best = solve(problem, best.x, loss, max_evaluations, tolerance=how["tolerance"])
     best, excess = below_nested(problem, best, warm, loss, max_evaluations)
     best.doubt = lone_optimum(problem, best.x, agreeing, len(simulable))
     return finished(problem, best, loss, section_area, clock.perf_counter() - began, excess_phrase(excess))

@@ -24,6 +24,7 @@ from pliant.model import Model, save_model
 from pliant.preprocessing.alignment import alignment_of
 from pliant.selection import ModelSelection
 from pliant.study.aligned import Aligned
+from pliant.study.another_day import run_days, signs_of
 from pliant.study.baselines import with_baselines
 from pliant.study.body import study_model, with_azimuths
 from pliant.study.body_tables import ActuatorEntry
@@ -95,6 +96,8 @@ def run_study(
         fitted = clock.perf_counter()
         fits = with_baselines(study, fits, ready.experiments, ready.bodies, notify)
         compared = clock.perf_counter()
+        days, adaptations, lost = run_days(study, fits, ready.experiments, notify)
+        fits = (*fits, *days)
         first = fits[0].result
         failures = Failures(fits[0].name, notify)
         results = {"": first, **{fit.name: fit.result for fit in fits}}
@@ -103,8 +106,8 @@ def run_study(
             study.name, study.title or study.name, study.description, replace(first.model, name=study.name), fits,
             forecasts, ready.shape, (), ready.findings,
             {"prepare_s": prepared - began, "fits_s": fitted - prepared, "plain_maps_s": compared - fitted},
-            {"pliant": __version__, **ready.provenance}, selection, clocks=ready.clocks, failed=(*failed, *failures),
-            wirings=wirings,
+            {"pliant": __version__, **ready.provenance}, selection, clocks=ready.clocks,
+            failed=(*failed, *failures, *lost), wirings=wirings, adaptations=adaptations,
             doubts=(*ready.doubts, *wiring_warnings(wirings),
                     *model_warnings([(f.title, f.result.model) for f in fits], study.actuator)),
         )
@@ -113,7 +116,7 @@ def run_study(
         )
         outcome = in_recorded_axes(
             outcome, {n: f.like for n, f in study.forecasts.items()},
-            {n: e.x_sign for n, e in ready.experiments.items()},
+            signs_of(outcome, ready.experiments),
         )
         if target is not None:
             outcome = write_outcome(study, outcome, target, began, notify)
