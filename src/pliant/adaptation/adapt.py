@@ -24,8 +24,12 @@ Notify = Callable[[str], None]
 MOST_ROUNDS = 3  # of releasing parameters of the body from their prior
 EVALUATIONS, TOLERANCE = 60, 1e-4  # of a search; the change of the cost at which it ends is far below its doubt
 LEAST_FRAMES = 10
+MOST_FACTOR = 4.0  # by which a positive parameter of the body may change
+STRAINED = 2.5  # standard deviations of the wide priors of the mounting
+RELEASED = 0.5  # of a parameter's size: standard deviation of a parameter of the body that is released
 LEAST_MOTION = 0.003  # of the body's length
 SEEN = 0.25  # of the prior's variance left, below which the recordings determine a direction of the mounting
+PLAIN = 1.15  # error before over error after: a smaller gain is no new mounting, whatever the statistics say
 CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
 LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
 WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
@@ -124,7 +128,7 @@ def adapt_model(
 
     The posterior of the earlier fit is the prior of the body's parameters. Those of the mounting are free with wide
     priors (`MOUNTING`). A parameter of the body that moves by more than four of its standard deviations is released
-    from its prior, and the fit is repeated.
+    from its prior, and the fit is repeated. So are all of them if the mounting moves farther than its priors allow.
 
     Parameters
     ----------
@@ -152,28 +156,65 @@ def adapt_model(
     check_day(old, day)
     options: dict[str, Any] = {
         "weighting": weighting, "loss": loss, "time_step": old.time_step, "tolerance": TOLERANCE,
+        "least_error": least_error(old, day, weighting),
     }
     prior, released = posterior.prior, dict[str, float]()
     result = fitted_day(posterior, day, prior, options)
     for _ in range(MOST_ROUNDS):
         moves = body_moves(posterior, result)
-        far = {n: abs(z) for n, z in moves.items() if abs(z) > FAR and n not in released}
+        far = {n: abs(z) for n, z in moves.items() if abs(z) > FAR}
+        if not far and strained(all_moves(posterior, result, prior)):
+            far = dict.fromkeys(moves, 1.0)
+        far = {n: z for n, z in far.items() if n not in released}
         notify(f"adapt: {result.status}")
         if not far:
             break
         sizes = {p.name: max(abs(p.value or 0.0), p.scale) for p in posterior.parameters}
-        released |= {n: sizes[n] ** 2 for n, z in far.items() if z > 0.5 * max(far.values())}
+        released |= {n: (RELEASED * sizes[n]) ** 2 for n, z in far.items() if z > 0.5 * max(far.values())}
         notify(f"adapt: released from the earlier fit: {', '.join(released)}")
         result = fitted_day(posterior, day, prior.widened(released), options)
     return judged(old, posterior, day, result, prior, kind=kind)
 
 
+def least_error(old: FitResult, day: DayParts, weighting: str) -> float:
+    """Return the RMS error of the model that the earlier fit showed, in the unit of the residuals; 0 if it is unknown.
+
+    A few seconds can be fitted more closely than the model deserves.
+    """
+    usual = float(np.median(list(old.rmse.values()))) if old.rmse else 0.0
+    unit = {"metre": 1.0, "noise": np.inf}.get(weighting, float(np.median([e.travel for e in day.fitted])))
+    dimensions = 1 if old.turns else day.fitted[0].dimension
+    return float(usual / unit / np.sqrt(dimensions))
+
+
+def strained(moves: Sequence[Move]) -> bool:
+    """Return whether a parameter of the mounting moved farther than its wide prior makes plausible, as it does to make
+    up for a change of the body.
+    """
+    return any(abs(m.after - m.before) > STRAINED * m.prior_std for m in moves if m.belongs == "mounting")
+
+
 def fitted_day(posterior: Posterior, day: DayParts, prior: Any, options: dict[str, Any]) -> FitResult:
     """Return the fit of the body and of its mounting to the first seconds of a day."""
     std = prior.std
-    body = [p.with_(prior=p.value, prior_std=std[p.name], std=None) if p.free else p for p in posterior.parameters]
+    body = [bounded(p.with_(prior=p.value, prior_std=std[p.name], std=None)) if p.free else p
+            for p in posterior.parameters]  # fmt: skip
     listed: list[Parameter | str] = [*body, *mounting_parameters(posterior.model, day.fitted, posterior.values)]
-    return fit(list(day.fitted), posterior.model, listed, prior=prior, starts=1, max_evaluations=EVALUATIONS, **options)
+    result = fit(list(day.fitted), posterior.model, listed, prior=prior, starts=1, max_evaluations=EVALUATIONS,
+                 **options)  # fmt: skip
+    found = result.covariance
+    if found is None:
+        return result
+    return replace(result, covariance=found._replace(between=posterior.scatter(found.names)))
+
+
+def bounded(p: Parameter) -> Parameter:
+    """Return a parameter with bounds a factor of four from its value, if it cannot be negative: a Gaussian prior that
+    is wide for its mean says nothing about values near 0.
+    """
+    if p.value is None or p.lower < 0.0 or p.value <= p.lower:
+        return p
+    return p.with_(lower=max(p.lower, p.value / MOST_FACTOR), upper=min(p.upper, MOST_FACTOR * p.value))
 
 
 def common_factor(posterior: Posterior, result: FitResult) -> float:
@@ -259,8 +300,8 @@ def mounting_moved(moves: Sequence[Move], result: FitResult) -> str:
     distance = float(np.sum(away[seen] ** 2 / np.maximum(size[seen], 1e-9)))
     if distance <= seen.sum() + CLEARLY * np.sqrt(2.0 * seen.sum()):
         return ""
-    largest = sorted(mine, key=lambda m: -abs(m.after - m.before) / m.prior_std)[:3]
-    return f"the mounting as a whole, most of all {join_words([m.name for m in largest])}, which make up for each other,"
+    largest = join_words([m.name for m in sorted(mine, key=lambda m: -abs(m.after - m.before) / m.prior_std)[:3]])
+    return f"the mounting as a whole, most of all {largest}, which make up for each other,"
 
 
 def verdict_of(
@@ -284,6 +325,7 @@ def verdict_of(
     if changed:
         listed = join_words([m.sentence for m in moves if m.name in changed])
         return "changed body", f"The body changed: {listed}."
-    if mounting:
+    better = sum(e.before for e in errors) > PLAIN * sum(e.after for e in errors)
+    if mounting and better:
         return "re-mounted", f"The same arm, mounted anew: {mounting} moved; no parameter of the body did."
     return "same arm", "The same arm in the same mounting: no parameter moved beyond its doubt."

@@ -53,10 +53,12 @@ class FitOptions(TypedDict, total=False):
     rng: np.random.Generator | int | None
     prior: JointPrior | None
     tolerance: float
+    least_error: float
 
 
 FIT_OPTIONS: FitOptions = {
     "time_step": None, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0, "prior": None, "tolerance": 1e-9,
+    "least_error": 0.0,
 }
 
 
@@ -107,6 +109,9 @@ def fit(
         Prior of several parameters together, in place of their own priors; those that are not free are left out.
     tolerance : float
         Relative change of the cost at which a search ends; default: 1e-9.
+    least_error : float
+        RMS error of the model, known from other recordings, in the unit of the residuals. Priors weigh at least as much
+        as this error demands, also where few data are fitted closely; not for the weighting "noise". Default: 0.
     max_evaluations : int
         Highest number of evaluations for each start.
     progress : callable, optional
@@ -144,6 +149,7 @@ def fit(
     time_step = how["time_step"] or fit_step(model, values_of(filled))
     check_step(model, time_step, "midpoint")
     problem = Problem(list(experiments), model, filled, time_step, weighting, how["prior"])
+    problem.least_error = how["least_error"]
     second = independent_start(problem, given, parameters, searching, weighting) if how["starts"] > 1 else None
     warm = {name: warm_start(problem, smaller) for name, smaller in nested.items()}
     further = [x if x is second else inside(problem, x) for x in (second, *warm.values()) if x is not None]

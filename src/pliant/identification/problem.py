@@ -76,6 +76,7 @@ class Problem:
             self.known = with_held_mean(self.known, self.free, self.scale, self.start, chamber)
         self.held = np.zeros((0, len(self.free))), np.zeros(0)
         self.size = 1.0 if weighting == "noise" else FIRST_GUESS * self.unit
+        self.least_error = 0.0  # of residuals (RMS): what the model is known to lack, however well it fits
         self.evaluations = 0
         self.broken = ""
         self.plans = Plans()
@@ -193,7 +194,7 @@ class Problem:
         independent = sum(part.size / correlated_frames(o, part) for o, part in parts)
         self.size = float(np.sqrt(residual.size / independent))
         if self.weighting != "noise":
-            self.size *= max(float(np.sqrt(np.mean(residual**2))), 1e-12 * self.unit)
+            self.size *= max(float(np.sqrt(np.mean(residual**2))), self.least_error, 1e-12 * self.unit)
             return
         for o, part in parts:
             for s, channel in o.unknown_noise():

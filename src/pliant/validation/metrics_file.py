@@ -120,6 +120,8 @@ class CovarianceEntry(MetricsEntry):
     correlated: float = Field(description="s, correlation time of the residuals; 0 if they are like white noise")
     effective: float = Field(description="effective number of independent measurements")
     source: str = Field(description="method: sandwich, or block bootstrap")
+    between: list[list[float]] | None = Field(
+        None, description="(P, P), scatter between recordings beyond noise; null for fewer than three")
 
 
 class FitTiming(MetricsEntry):

@@ -346,8 +346,10 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
         for name, p in entry["parameters"].items()
     )
     stored = entry["covariance"]
+    arrays = ("matrix", "white", "hidden", "between")
     covariance = None if stored is None else Covariance(**{
-        **stored, "names": tuple(stored["names"]), **{k: np.array(stored[k]) for k in ("matrix", "white", "hidden")}})
+        **stored, "names": tuple(stored["names"]),
+        **{k: np.array(stored[k]) for k in arrays if stored.get(k) is not None}})
     return FitResult(
         model, parameters, entry["status"], {}, entry["timing"]["simulated_sets"], entry["timing"]["optimiser_s"],
         entry["converged"], covariance, tuple(entry["notes"]), entry["bic"],
