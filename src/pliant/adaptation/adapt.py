@@ -260,11 +260,11 @@ def judged(
 ) -> Adaptation:
     """Return moves, errors and verdict of an adapted model."""
     moves = all_moves(posterior, result, prior)
-    errors = []
+    errors, travel = [], max(e.travel for e in (*day.fitted, *day.judged))  # a part may hold less motion than the day
     for exp in (*day.fitted, *day.judged):
         before = error_of(exp, old)
         after = result.rmse[exp.name] if exp.name in result.rmse else error_of(exp, result)
-        errors.append(DayError(exp.name, "fitted" if exp in day.fitted else "judged", before, after, exp.travel))
+        errors.append(DayError(exp.name, "fitted" if exp in day.fitted else "judged", before, after, travel))
     verdict, sentence = verdict_of(old, moves, errors, mounting_moved(moves, result), kind=kind)
     return Adaptation(verdict, sentence, changed_body(moves), moves, tuple(errors), day.seconds, result)
 

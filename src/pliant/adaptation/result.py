@@ -58,7 +58,9 @@ class Move(NamedTuple):
 
 
 class DayError(NamedTuple):
-    """RMS error of one recording of the new day under the earlier and the adapted model, m; rad of angles alone."""
+    """RMS error of one recording of the new day under the earlier and the adapted model, and the day's peak
+    displacement, m; rad of angles alone.
+    """
 
     name: str
     role: Literal["fitted", "judged"]
