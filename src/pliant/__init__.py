@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from pliant.preprocessing.align import align
     from pliant.recording import read, write
     from pliant.simulation import Pulse, Step, Stepper, equilibrium, modes, simulate
-    from pliant.study import adapt, load_study, run_study
+    from pliant.study import adapt as adapt
+    from pliant.study import load_study, run_study
 
 _PAGE = {
     "pliant.recording": ("read", "write"),
@@ -41,7 +42,7 @@ __all__ = [  # noqa: RUF022  in the order of an analysis
     "read", "write", "align",
     "Model", "Chamber", "chain_model", "load_model", "save_model",
     "Pulse", "Step", "simulate", "Stepper", "equilibrium", "modes",
-    "experiment", "fit", "predict", "load_study", "run_study", "adapt",
+    "experiment", "fit", "predict", "load_study", "run_study",
     "estimate", "linearise", "export",
     "PliantError", "InputError",
 ]

@@ -137,7 +137,7 @@ def test_another_arm_gets_start_values_and_exit_code_1(arm, tmp_path):
 
 def test_another_robot_of_the_kind_moves_within_the_spread(arm, tmp_path):
     other = body().with_(stiffness=0.58)
-    found = adapted(arm, day(tmp_path / "b.csv", other), tmp_path / "new", "--of-a-kind", "--spread", "0.2")
+    found = adapted(arm, day(tmp_path / "b.csv", other), tmp_path / "new", "--of-a-kind")
     assert found["adaptations"]["adapted"]["verdict"] == "another of the kind"
     assert found["fits"]["adapted"]["parameters"]["stiffness"]["value"] == pytest.approx(0.58, rel=0.03)
 

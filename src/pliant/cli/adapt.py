@@ -30,12 +30,9 @@ def adapt(
                                          "the first training recording.")
     ] = "",
     of_a_kind: Annotated[
-        bool, typer.Option("--of-a-kind", help="The recording is of another robot of the same kind.")
+        bool, typer.Option("--of-a-kind", help="The recording is of another robot of the same kind: each "
+                            "parameter of the body may differ by 15 %; three or more results tell the spread.")
     ] = False,
-    spread: Annotated[
-        float, typer.Option("--spread", parser=in_unit("1", least=1e-6), help="With --of-a-kind: standard deviation "
-                            "between robots, as a fraction of each parameter; three or more results tell it.")
-    ] = 0.15,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
     """Adapt a fitted model to another day: fit the mounting, update the body, and say what changed.
@@ -44,11 +41,12 @@ def adapt(
 
     Example: pliant adapt results/arm --recording may.csv -o results/arm_may
     """
+    from pliant.study.adapted_run import SPREAD
     from pliant.study.adapted_run import adapt as adapted
 
     with progress_lines() as notify:
         outcome = adapted(results, recording, output, seconds=seconds, fit=fit, like=like,
-                          spread=spread if of_a_kind else None, progress=notify)
+                          spread=SPREAD if of_a_kind else None, progress=notify)
     adaptation = outcome.adaptations["adapted"]
     if json:
         say((output / "metrics.json").read_text(encoding="utf-8"))

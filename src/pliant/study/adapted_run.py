@@ -19,6 +19,7 @@ from pliant.validation.store import load_fit
 from pliant.version import __version__
 
 Notify = Callable[[str], None]
+SPREAD = AdaptEntry(recordings=["any"]).spread
 
 
 def adapt(
@@ -69,7 +70,7 @@ def adapt(
               for source, (_, title, result) in zip(sources, loaded, strict=True)]
     new = new_recordings(study, files, like or first_training(study, loaded[0][0]))
     entry = AdaptEntry(recordings=list(new), fit=loaded[0][0] if loaded[0][0] not in day_names(study) else "",
-                       seconds=seconds, of_a_kind=spread is not None, spread=spread or 0.15)  # fmt: skip
+                       seconds=seconds, of_a_kind=spread is not None, spread=spread or SPREAD)  # fmt: skip
     ready = prepare_all(reading(study, new), notify)
     if lost := [line for name, line in ready.dropped.items() if name in new]:
         raise InputError(f"{lost[0]}; use a recording in which the arm moves")
