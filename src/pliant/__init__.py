@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pliant.preprocessing.align import align
     from pliant.recording import read, write
     from pliant.simulation import Pulse, Step, Stepper, equilibrium, modes, simulate
+    from pliant.study import adapt as adapt
     from pliant.study import load_study, run_study
 
 _PAGE = {
@@ -29,7 +30,7 @@ _PAGE = {
     "pliant.model": ("Model", "Chamber", "chain_model", "load_model", "save_model"),
     "pliant.simulation": ("Pulse", "Step", "simulate", "Stepper", "equilibrium", "modes"),
     "pliant.identification": ("experiment", "fit", "predict"),
-    "pliant.study": ("load_study", "run_study"),
+    "pliant.study": ("load_study", "run_study", "adapt"),
     "pliant.estimation": ("estimate",),
     "pliant.linear": ("linearise",),
     "pliant.exporters": ("export",),

@@ -210,7 +210,7 @@ def test_every_entry_of_a_study_is_explained():
     models = (schema.Study, body_tables.ActuatorEntry, body_tables.ChamberTable, body_tables.TendonTable,
               body_tables.ExtensionTable, body_tables.SpaceTable, body_tables.ValveTable, body_tables.MemoryTable,
               schema.AlignmentEntry, schema.Fibre, schema.Reduction, schema.KnownForce, schema.Recording, schema.Fit,
-              schema.SelectionEntry, schema.ForecastEntry, schema.Targets, Sweep, Range)  # fmt: skip
+              schema.SelectionEntry, schema.AdaptEntry, schema.ForecastEntry, schema.Targets, Sweep, Range)  # fmt: skip
     told = r"^\|[^|]*`{0}`|^#+ .*\[{0}|^(# )?{0} = |^`\[\w+\.{0}\]`"
     missing = [f"{m.__name__}.{n}" for m in models for n in m.model_fields
                if not re.search(told.format(n), text, re.MULTILINE)]

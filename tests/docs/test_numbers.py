@@ -26,12 +26,16 @@ PAPER = re.compile(r"\[D\d+\]\(deviations\.md|\bSec(?:\.|tion) [IV]+|\bEqs?\. \(
 LINK = re.compile(r"\]\(([\w./]*)#([\w-]+)\)")
 
 CHOSEN = {  # page -> section -> why its numbers need no source
+    "another_day.md": {
+        "another-day-another-arm": "defaults", "what-is-fitted": "widths of priors, which are set",
+        "another-robot-of-the-kind": "a default",
+    },
     "metrics.md": {"metrics": "definitions"},
     "real_time.md": {"what-vents-and-when": "settings"},
     "scaling_out.md": {"a-sweep": "defaults, an example", "a-cluster": "an example of a setting"},
     "studies.md": {
-        "the-study-itself": "defaults", "alignment": "a bound that is set", "reduction": "defaults",
-        "fitsname": "defaults",
+        "the-study-itself": "defaults", "adapt": "defaults", "alignment": "a bound that is set",
+        "reduction": "defaults", "fitsname": "defaults",
         "forecastsname": "the level of the intervals",
     },
     "time_step.md": {"time-step-and-accuracy": "a bound that is set", "where-a-time-step-is-fixed": "defaults"},

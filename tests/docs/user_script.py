@@ -89,6 +89,8 @@ def fits(paths: list[Path]) -> pliant.Model:
     selection = select_model(experiments[:-1], start, minutes=1.0, progress=print)
     print(told.identifiable, band.upper - band.lower, selection.reason, selection.result.values)
     outcome = pliant.run_study(pliant.load_study("study.toml"), "results", progress=print)
+    later = pliant.adapt("results", "may.csv", "results_may", seconds=20.0)
+    print(later.adaptations["adapted"].sentence)
     return outcome.model
 
 

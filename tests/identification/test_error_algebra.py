@@ -45,7 +45,7 @@ def test_a_direction_is_hidden_by_its_share_of_the_largest_singular_value(
     residual = np.random.default_rng(0).standard_normal(50)
     observed: Any = SimpleNamespace(exp=SimpleNamespace(time=np.arange(50.0)))
     problem: Any = SimpleNamespace(
-        free=[Parameter("stiffness", 1.0), Parameter("gain", 1.0)], scale=np.ones(2), size=1.0,
+        free=[Parameter("stiffness", 1.0), Parameter("gain", 1.0)], scale=np.ones(2), size=1.0, least_error=0.0,
         known=(np.zeros((0, 2)), np.zeros(0)), observed=[observed], parted=lambda rows: [(observed, rows)],
         data_jacobian=lambda _x: J, data_residual=lambda _x: residual,
     )

@@ -11,6 +11,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from pliant.cli.adapt import adapt
 from pliant.cli.contact import contact
 from pliant.cli.control import control
 from pliant.cli.data import data
@@ -75,7 +76,8 @@ JOURNEY: dict[str, dict[str, Callable[..., None]]] = {  # headings of the help, 
         "inspect": inspect, "track": track, "sync": sync, "new": new, "shape": shape, "order": order,
     },
     "Your model": {
-        "run": run_command, "figures": figures, "view": view, "design": design, "simulate": simulate, "sweep": sweep,
+        "run": run_command, "adapt": adapt, "figures": figures, "view": view, "design": design, "simulate": simulate,
+        "sweep": sweep,
     },
     "Use the model": {"estimate": estimate, "contact": contact, "control": control, "export": export},
     "Simulated actuator": {"testbed": run_testbed},

@@ -17,6 +17,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import LONGEST, fit_step
 from pliant.identification.forward_model import held_note
 from pliant.identification.identifiability import combinations, examine
+from pliant.identification.joint_prior import JointPrior
 from pliant.identification.nested import excess_phrase, inside, warm_start
 from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply, values_of
@@ -50,9 +51,15 @@ class FitOptions(TypedDict, total=False):
     starts: int
     weighting: str
     rng: np.random.Generator | int | None
+    prior: JointPrior | None
+    tolerance: float
+    least_error: float
 
 
-FIT_OPTIONS: FitOptions = {"time_step": None, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0}
+FIT_OPTIONS: FitOptions = {
+    "time_step": None, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0, "prior": None, "tolerance": 1e-9,
+    "least_error": 0.0,
+}
 
 
 def fit(
@@ -98,6 +105,13 @@ def fit(
         Solid cross-section of the body, m^2, against which a fitted mass is checked.
     rng : numpy.random.Generator, int or None
         Random generator or seed of the scattered starts; default: 0.
+    prior : JointPrior, optional
+        Prior of several parameters together, in place of their own priors; those that are not free are left out.
+    tolerance : float
+        Relative change of the cost at which a search ends; default: 1e-9.
+    least_error : float
+        RMS error of the model, known from other recordings, in the unit of the residuals. Priors weigh at least as much
+        as this error demands, also where few data are fitted closely; not for the weighting "noise". Default: 0.
     max_evaluations : int
         Highest number of evaluations for each start.
     progress : callable, optional
@@ -134,7 +148,8 @@ def fit(
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
     time_step = how["time_step"] or fit_step(model, values_of(filled))
     check_step(model, time_step, "midpoint")
-    problem = Problem(list(experiments), model, filled, time_step, weighting)
+    problem = Problem(list(experiments), model, filled, time_step, weighting, how["prior"])
+    problem.least_error = how["least_error"]
     second = independent_start(problem, given, parameters, searching, weighting) if how["starts"] > 1 else None
     warm = {name: warm_start(problem, smaller) for name, smaller in nested.items()}
     further = [x if x is second else inside(problem, x) for x in (second, *warm.values()) if x is not None]
@@ -143,11 +158,11 @@ def fit(
         problem.hold_to_start()
     else:
         check_identifiable(problem)
-    best = solve_all(problem, simulable, loss, max_evaluations, progress)
+    best = solve_all(problem, simulable, loss, max_evaluations, progress, how["tolerance"])
     agreeing = best.agreeing
     for _ in range(2 if problem.learns else 0):
         problem.learn_sizes(best.x)
-        best = solve(problem, best.x, loss, max_evaluations)
+        best = solve(problem, best.x, loss, max_evaluations, tolerance=how["tolerance"])
     best, excess = below_nested(problem, best, warm, loss, max_evaluations)
     best.doubt = lone_optimum(problem, best.x, agreeing, len(simulable))
     return finished(problem, best, loss, section_area, clock.perf_counter() - began, excess_phrase(excess))

@@ -30,6 +30,7 @@ class SameMinimumError(Exception):
 
 def solve_all(
     problem: Problem, starts: Sequence[Array], loss: str, max_evaluations: int, progress: Callable[[str], None] | None,
+    tolerance: float = 1e-9,
 ) -> OptimizeResult:
     """Minimise from several start points and return the best optimum.
     A run that approaches a known minimum is stopped early.
@@ -40,7 +41,7 @@ def solve_all(
     agreeing = 0
     for k, x0 in enumerate(starts, 1):
         try:
-            end = solve(problem, x0, loss, max_evaluations, found=best)
+            end = solve(problem, x0, loss, max_evaluations, found=best, tolerance=tolerance)
             said = f"cost {end.cost:.4g}"
             if best is not None and abs(end.cost - best.cost) < SAME * best.cost:
                 agreeing += 1

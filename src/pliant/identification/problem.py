@@ -13,6 +13,7 @@ from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.experiment import Experiment
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
+from pliant.identification.joint_prior import JointPrior
 from pliant.identification.names import path_of
 from pliant.identification.parameters import Parameter
 from pliant.identification.plans import Plans
@@ -47,7 +48,7 @@ class Problem:
 
     def __init__(
         self, experiments: list[Experiment], model: Model, parameters: list[Parameter], time_step: float,
-        weighting: str,
+        weighting: str, prior: JointPrior | None = None,
     ) -> None:
         self.experiments = experiments
         self.names = {e.name for e in experiments}
@@ -70,11 +71,12 @@ class Problem:
             for o, balance in zip(self.observed, np.sqrt(counts.mean() / counts), strict=True):
                 o.weight *= balance
         self.ends = np.cumsum(counts)
-        self.known = known_rows(self.free, self.scale, self.start)
+        self.known = known_rows(self.free, self.scale, self.start, prior)
         for chamber in held_gains(parameters, model):
             self.known = with_held_mean(self.known, self.free, self.scale, self.start, chamber)
         self.held = np.zeros((0, len(self.free))), np.zeros(0)
         self.size = 1.0 if weighting == "noise" else FIRST_GUESS * self.unit
+        self.least_error = 0.0  # of residuals (RMS): what the model is known to lack, however well it fits
         self.evaluations = 0
         self.broken = ""
         self.plans = Plans()
@@ -192,7 +194,7 @@ class Problem:
         independent = sum(part.size / correlated_frames(o, part) for o, part in parts)
         self.size = float(np.sqrt(residual.size / independent))
         if self.weighting != "noise":
-            self.size *= max(float(np.sqrt(np.mean(residual**2))), 1e-12 * self.unit)
+            self.size *= max(float(np.sqrt(np.mean(residual**2))), self.least_error, 1e-12 * self.unit)
             return
         for o, part in parts:
             for s, channel in o.unknown_noise():
@@ -233,14 +235,17 @@ def with_held_mean(
     return np.concatenate([known[0], row[None]]), np.append(known[1], row @ start)
 
 
-def known_rows(free: list[Parameter], scale: Array, start: Array) -> tuple[Array, Array]:
+def known_rows(
+    free: list[Parameter], scale: Array, start: Array, prior: JointPrior | None = None,
+) -> tuple[Array, Array]:
     """Return the R residuals A x - b of a fit that do not come from recordings, as A (R, P) and b (R,), for scaled
     parameters x (P,). There is one for each prior, and one for each joint value that is drawn to the mean of all
-    joints.
+    joints. A joint `prior` takes the place of the parameters' own priors.
     """
     rows, aims = [], []
+    together = set(prior.names) if prior else set()
     for i, p in enumerate(free):
-        if p.prior_std:
+        if p.prior_std and p.name not in together:
             rows.append(np.eye(len(free))[i] * scale[i] / p.prior_std)
             aims.append((start[i] * scale[i] if p.prior is None else p.prior) / p.prior_std)
     stems = [p.name.rpartition("_")[0] if p.shrink else "" for p in free]
@@ -251,4 +256,8 @@ def known_rows(free: list[Parameter], scale: Array, start: Array) -> tuple[Array
         away = (np.eye(len(free)) - mine / mine.sum())[mine]
         rows += list(away * scale / (share[mine][:, None] * level))
         aims += [0.0] * int(mine.sum())
-    return np.array(rows).reshape(len(rows), len(free)), np.array(aims)
+    alone = np.array(rows).reshape(len(rows), len(free)), np.array(aims)
+    if prior is None:
+        return alone
+    A, b = prior.rows(free, scale)
+    return np.concatenate([alone[0], A]), np.concatenate([alone[1], b])

@@ -8,6 +8,7 @@ import numpy as np
 
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import autocorrelations, correlated_frames
+from pliant.identification.scatter import scatter_between
 
 Array = np.ndarray
 HIDDEN = 1e-6  # singular value over the largest, below which the data do not determine a direction
@@ -24,6 +25,7 @@ class Covariance(NamedTuple):
     correlated: float  # s, correlation time of the residuals; 0 if they count as white
     effective: float  # effective number of independent observed values
     source: str = "sandwich"  # or block bootstrap
+    between: Array | None = None  # (P, P) SI, scatter between recordings beyond noise; None for fewer than three
 
     @property
     def std(self) -> list[float | None]:
@@ -66,19 +68,24 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
     widths, effective = [], 0.0
     for (o, part), (_, mine) in zip(problem.parted(r), problem.parted(own), strict=True):
         size = np.median(np.abs(part)) / 0.6745 if robust else np.sqrt(np.mean(part**2))
-        flat += size**2 * mine.T @ mine
+        lacking = max(1.0, problem.least_error / max(float(size), 1e-300)) ** 2 if problem.least_error else 1.0
+        flat += lacking * size**2 * mine.T @ mine
         frames = correlated_frames(o, part)
         effective += part.size / frames
         widths.append(frames * float(np.median(np.diff(o.exp.time))) if frames > COLOURED else 0.0)
         if frames > COLOURED:
             pair = (along_frames(o, mine, part, frames), along_channels(o, mine, part))
-            dense += max(pair, key=lambda middle: float(np.trace(inverse @ middle @ inverse)))
+            dense += lacking * max(pair, key=lambda middle: float(np.trace(inverse @ middle @ inverse)))
         else:
-            dense += size**2 * mine.T @ mine
+            dense += lacking * size**2 * mine.T @ mine
     scale = np.outer(problem.scale / norm, problem.scale / norm) * freedom
     names = tuple(p.name for p in problem.free)
     matrices = [scale * (inverse @ middle @ inverse) for middle in (dense, flat)]
-    return Covariance(names, matrices[0], matrices[1], hidden, max(widths), effective)
+    pairs = zip(problem.parted(own), problem.parted(r), strict=True)
+    scores = np.stack([mine.T @ part for (_, mine), (_, part) in pairs])
+    between = scatter_between(scores, inverse, freedom * inverse @ dense @ inverse)
+    return Covariance(names, matrices[0], matrices[1], hidden, max(widths), effective, between=(
+        None if between is None else between * scale / freedom))
 
 
 def information_criterion(mean_square: float, numbers: float, free: int) -> float:

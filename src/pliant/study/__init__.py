@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
+from pliant.study.adapted_run import adapt
 from pliant.study.run import run_study
 from pliant.study.schema import Study, load_study
 
-__all__ = ["Study", "angles_study", "camera_study", "demo_study", "load_study", "run_study", "space_study"]
+__all__ = ["Study", "adapt", "angles_study", "camera_study", "demo_study", "load_study", "run_study", "space_study"]
 
 
 def demo_study() -> Path:

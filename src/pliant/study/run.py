@@ -25,6 +25,7 @@ from pliant.preprocessing.alignment import alignment_of
 from pliant.selection import ModelSelection
 from pliant.selection.saved import SearchFile
 from pliant.study.aligned import Aligned
+from pliant.study.another_day import run_days, signs_of
 from pliant.study.baselines import with_baselines
 from pliant.study.body import study_model, with_azimuths
 from pliant.study.body_tables import ActuatorEntry
@@ -99,6 +100,8 @@ def run_study(
         fitted = clock.perf_counter()
         fits = with_baselines(study, fits, ready.experiments, ready.bodies, notify)
         compared = clock.perf_counter()
+        days, adaptations, lost = run_days(study, fits, ready.experiments, notify)
+        fits = (*fits, *days)
         first = fits[0].result
         failures = Failures(fits[0].name, notify)
         results = {"": first, **{fit.name: fit.result for fit in fits}}
@@ -107,8 +110,8 @@ def run_study(
             study.name, study.title or study.name, study.description, replace(first.model, name=study.name), fits,
             forecasts, ready.shape, (), ready.findings,
             {"prepare_s": prepared - began, "fits_s": fitted - prepared, "plain_maps_s": compared - fitted},
-            {"pliant": __version__, **ready.provenance}, selection, clocks=ready.clocks, failed=(*failed, *failures),
-            wirings=wirings,
+            {"pliant": __version__, **ready.provenance}, selection, clocks=ready.clocks,
+            failed=(*failed, *failures, *lost), wirings=wirings, adaptations=adaptations,
             doubts=(*ready.doubts, *wiring_warnings(wirings), *fit_warnings(study, fits, ready)),
         )
         outcome = replace(
@@ -116,7 +119,7 @@ def run_study(
         )
         outcome = in_recorded_axes(
             outcome, {n: f.like for n, f in study.forecasts.items()},
-            {n: e.x_sign for n, e in ready.experiments.items()},
+            signs_of(outcome, ready.experiments),
         )
         if target is not None:
             outcome = write_outcome(study, outcome, target, began, notify)

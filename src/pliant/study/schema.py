@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from pliant.errors import InputError, explain_validation, inside
 from pliant.file_kinds import MAPPING, STUDY, SWEEP, kind_of_file, refuse_other
@@ -25,6 +25,11 @@ Weighting = Literal["travel", "metre", "noise", "decay"]
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 TermName = Annotated[str, AfterValidator(known_term)]
 Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard errors; 0: the sandwich formula
+
+
+def as_list(entry: Any) -> Any:
+    """Return a single table as a list of one."""
+    return [entry] if isinstance(entry, Mapping) else entry
 
 
 class StudyEntry(Table, BaseModel):
@@ -162,6 +167,16 @@ class ForecastEntry(StudyEntry):
     pressure_unit: str = "Pa"  # of pressures; those of tendons are in N, m or rad
 
 
+class AdaptEntry(StudyEntry):
+    """Another day: a fitted model is adapted to the first seconds of recordings, and judged on the rest."""
+
+    recordings: list[str] = Field(min_length=1)  # of the other day, in their order
+    fit: str = ""  # fit to start from; default: the adaptation before this one, or the first fit
+    seconds: float = Field(20.0, gt=0)  # s of motion to fit, warm-up included
+    of_a_kind: bool = False  # another robot of the kind, not the same one on another day
+    spread: float = Field(0.15, gt=0)  # standard deviation between robots of a kind, as a fraction of each parameter
+
+
 class Targets(StudyEntry):
     """Limits of the prediction errors, with which the report compares the results."""
 
@@ -188,6 +203,7 @@ class Study(StudyEntry):
     model_selection: SelectionEntry | None = None
     wiring: WiringEntry | None = None
     forecasts: dict[str, ForecastEntry] = {}
+    adapt: Annotated[list[AdaptEntry], BeforeValidator(as_list)] = []  # one table, or one for each day
     targets: Targets = Targets()
     sweep: Sweep | None = None
     time_step: float | None = Field(None, gt=0, le=0.1)  # s; None: chosen for the start of each fit, at most 2 or 10 ms
@@ -278,9 +294,29 @@ def check_names(study: Study) -> None:
         check_listed(entry.like, study.recordings, f"`like` of forecast {name} names recording", "correct it")
         if entry.fit:
             check_listed(entry.fit, study.fits, f"forecast {name} uses fit", "correct its `fit`")
+    check_days(study, learning)
     if bad := [n for n in (*study.recordings, *study.forecasts) if "." in n or not n]:
         raise InputError(f"the name of a recording or forecast must not have a dot, got {bad[0]!r}")
     check_chambers(study)
+
+
+def check_days(study: Study, learning: Mapping[str, Fit | SelectionEntry]) -> None:
+    """Check that [adapt] names listed recordings that no fit trains on, and fits or adaptations before it."""
+    fits = [name.strip("[]") for name in learning]
+    for day, entry in zip(day_names(study), study.adapt, strict=True):
+        for record in entry.recordings:
+            check_listed(record, study.recordings, "[adapt] uses recording", "correct its `recordings`")
+            if trained := [name for name, fit in learning.items() if record in fit.train]:
+                raise InputError(f"[adapt] uses recording {record!r}, on which fit {trained[0]} trains: another day "
+                                 "needs recordings that the fit has not seen")  # fmt: skip
+        if entry.fit:
+            check_listed(entry.fit, fits, "[adapt] uses fit", "correct its `fit`")
+        fits.append(day)
+
+
+def day_names(study: Study) -> list[str]:
+    """Return the names of the adapted fits of a study: "adapted", "adapted_2", ..."""
+    return [f"adapted_{k + 1}" if k else "adapted" for k in range(len(study.adapt))]
 
 
 def check_reduction(study: Study) -> None:

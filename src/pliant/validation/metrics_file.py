@@ -120,6 +120,8 @@ class CovarianceEntry(MetricsEntry):
     correlated: float = Field(description="s, correlation time of the residuals; 0 if they are like white noise")
     effective: float = Field(description="effective number of independent measurements")
     source: str = Field(description="method: sandwich, or block bootstrap")
+    between: list[list[float]] | None = Field(
+        None, description="(P, P), scatter between recordings beyond noise; null for fewer than three")
 
 
 class FitTiming(MetricsEntry):
@@ -229,6 +231,43 @@ class WiringTable(MetricsEntry):
     wirings: dict[str, WiringResult] = Field(description="by name, the most likely first")
 
 
+class MoveEntry(MetricsEntry):
+    """Change of one parameter from an earlier day to another, SI."""
+
+    belongs: Literal["body", "mounting"]
+    unit: str
+    before: float
+    after: float
+    old_std: float | None = Field(description="standard error of the earlier fit; null if it was not free there")
+    prior_std: float = Field(description="standard deviation of the prior of the other day")
+    std: float | None = Field(description="standard error of the adapted fit; null if it is not determined")
+    moved: float | None = Field(
+        description="change over `old_std`; of a gain, without the part that all gains have in common")
+
+
+class DayErrorEntry(MetricsEntry):
+    """RMS error of one recording of another day under the earlier and the adapted model."""
+
+    role: Literal["fitted", "judged"]
+    before_mm: float | None = None
+    after_mm: float | None = None
+    travel_mm: float | None = Field(None, description="peak displacement")
+    before_deg: float | None = None
+    after_deg: float | None = None
+    travel_deg: float | None = Field(None, description="peak rotation, of a recording of angles alone")
+
+
+class AdaptationTable(MetricsEntry):
+    """A fitted model on another day: verdict, moves of the parameters, and errors before and after."""
+
+    verdict: Literal["same arm", "re-mounted", "changed body", "another arm", "another of the kind"]
+    sentence: str
+    changed: list[str] = Field(description="parameters of the body that moved by more than four standard deviations")
+    seconds: float = Field(description="duration of the motion that was fitted, s")
+    moves: dict[str, MoveEntry]
+    errors: dict[str, DayErrorEntry] = Field(description="by part of a recording: the fitted one, then the rest")
+
+
 class OrderTable(MetricsEntry):
     """Numbers of links tried for a recording of many points along the body, with the errors of each."""
 
@@ -265,6 +304,7 @@ class MetricsFile(MetricsEntry):
     baseline: dict[str, BaselineEntry] = Field({}, description="plain map of each fit, by the name of the fit")
     model_selection: SelectionTable | None
     wiring: WiringTable | None = Field(None, description="comparison of wirings, if the study has one")
+    adaptations: dict[str, AdaptationTable] = Field({}, description="other days, by the name of the adapted fit")
     order: OrderTable | None = Field(description="selection of the number of links, for dense shapes")
     forecasts: dict[str, dict[str, Any]] = Field(
         description="title, stated changes (`stated`), results with units in their names, 95 % half-widths")

@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import xarray as xr
 
+from pliant.adaptation.result import Adaptation
 from pliant.display import Card, Shown
 from pliant.failures import NotComputed
 from pliant.identification import Band, Experiment, FitResult
@@ -266,6 +267,7 @@ class StudyOutcome(Shown):
     failed: tuple[NotComputed, ...] = ()  # fits, forecasts and intervals that could not be computed
     run_id: str = ""  # the same in metrics.json and results.nc of a run
     wirings: Wirings | None = None
+    adaptations: dict[str, Adaptation] = field(default_factory=dict)  # other days, by the name of the adapted fit
     doubts: tuple[str, ...] = ()  # warnings on the input, see `pliant.preprocessing.plausibility`
 
     @property
@@ -327,6 +329,7 @@ class StudyOutcome(Shown):
                 f.name: {"title": f.title, "stated": f.stated, **f.numbers, "half_width_95": f.interval}
                 for f in self.forecasts
             },
+            "adaptations": {k: a.to_dict() for k, a in self.adaptations.items()},
             "findings": {k: list(v) for k, v in self.findings.items()},
             "clocks": {k: {"delay_s": c.delay, "drift": c.drift, "message": c.message} for k, c in self.clocks.items()},
             "not_computed": [n._asdict() for n in self.failed],

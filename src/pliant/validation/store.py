@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pliant.adaptation.result import Adaptation
 from pliant.errors import InputError, clipped
 from pliant.failures import NotComputed
 from pliant.files import content_of, whole
@@ -203,6 +204,31 @@ def load_outcome(folder: str | Path) -> StudyOutcome:
                          ) from None
 
 
+def load_fit(folder: Path, name: str = "") -> tuple[str, str, FitResult]:
+    """Read one fit of a run from its folder, the first one by default. Return its name, its title and its result.
+
+    Raises
+    ------
+    InputError
+        When the folder was not written by `pliant run`, or has no such fit.
+    """
+    fits = metrics_of(folder)["fits"]
+    name = name or next(iter(fits))
+    if name not in fits:
+        raise InputError(f"{folder} has no fit {name!r}: it has {', '.join(fits)}")
+    entry = fits[name]
+    try:
+        result = result_of(entry, read_model(json.dumps(entry["model"]), f"metrics.json, model of fit {name}"))
+        unit, factor = result.shown_in
+        rmse = {n: r[f"rmse_{unit}"] / factor for n, r in entry["records"].items()
+                if r["role"] == "train" and f"rmse_{unit}" in r}  # fmt: skip
+    except BROKEN as error:
+        reason = clipped(f"{type(error).__name__}: {error}")
+        raise InputError(f"{folder}: fit {name} of metrics.json cannot be read ({reason}); run the study again"
+                         ) from None
+    return name, entry["title"], replace(result, rmse=rmse)
+
+
 def metrics_of(folder: Path) -> dict[str, Any]:
     """Return the content of metrics.json; InputError if it cannot be read or was not written by `pliant run`."""
     path = folder / "metrics.json"
@@ -253,6 +279,8 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
         metrics["provenance"], selection_of(metrics["model_selection"], fits), headline,
         clocks={n: clocks_of(n, e, groups) for n, e in metrics["clocks"].items()}, failed=failures_of(metrics),
         run_id=metrics.get("run_id", ""), wirings=Wirings.from_dict(metrics.get("wiring")),
+        adaptations={n: Adaptation.from_dict(e, next(f.result for f in fits if f.name == n))
+                     for n, e in metrics.get("adaptations", {}).items()},
     )
 
 
@@ -318,8 +346,10 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
         for name, p in entry["parameters"].items()
     )
     stored = entry["covariance"]
+    arrays = ("matrix", "white", "hidden", "between")
     covariance = None if stored is None else Covariance(**{
-        **stored, "names": tuple(stored["names"]), **{k: np.array(stored[k]) for k in ("matrix", "white", "hidden")}})
+        **stored, "names": tuple(stored["names"]),
+        **{k: np.array(stored[k]) for k in arrays if stored.get(k) is not None}})
     return FitResult(
         model, parameters, entry["status"], {}, entry["timing"]["simulated_sets"], entry["timing"]["optimiser_s"],
         entry["converged"], covariance, tuple(entry["notes"]), entry["bic"],

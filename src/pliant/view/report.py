@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pliant.adaptation import Adaptation
 from pliant.errors import InputError
 from pliant.files import write_text
 from pliant.selection import ModelSelection
@@ -129,6 +130,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
             f"{k}:{r.name}": band_sentence(f, r) for k, f in enumerate(outcome.fits) for r in f.records
         }),
         "model_selection": selection_block(outcome.model_selection) if outcome.model_selection else None,
+        "days": [day_block(a) for a in outcome.adaptations.values()],
         "parameters": [
             (f, [parameter_row(p) for p in f.result.parameters], correlation_rows(f.result)) for f in outcome.fits
         ],
@@ -174,6 +176,15 @@ def band_sentence(fit: FitOutcome, record: RecordOutcome) -> str:
 def selection_block(selection: ModelSelection) -> dict[str, Any]:
     """Return the steps of a model selection, and the reason for the choice."""
     return {"reason": selection.reason, "rows": selection_rows(selection)}
+
+
+def day_block(day: Adaptation) -> dict[str, Any]:
+    """Return the verdict on another day, the errors before and after, and what moved, as text."""
+    _, factor = day.result.shown_in
+    errors = [(e.name, e.role, *(digits(factor * v) for v in (e.before, e.after, e.travel))) for e in day.errors]
+    moves = [(m.name, m.belongs, *(digits(v, 4, zeros=False) for v in (m.before, m.after)), digits(m.std, 2),
+              digits(m.prior_std, 2), digits(m.moved, 2), m.unit) for m in day.moves]  # fmt: skip
+    return {"sentence": day.sentence, "seconds": digits(day.seconds), "errors": errors, "moves": moves}
 
 
 def shape_block(shape: Shape) -> dict[str, Any]:

@@ -1,0 +1,339 @@
+"""Fit a known arm to a few seconds of another day, and judge what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.adaptation.mounting import COMMON, COMMON_GAIN, mounting_parameters, of_mounting
+from pliant.adaptation.posterior import Posterior
+from pliant.adaptation.result import FAR, Adaptation, DayError, Move, Verdict
+from pliant.adaptation.widening import body_factor, widened_body
+from pliant.errors import InputError
+from pliant.identification.drives import at_rest
+from pliant.identification.experiment import Experiment
+from pliant.identification.fit import FitResult, fit, predict_held_out
+from pliant.identification.identifiability import join_words
+from pliant.identification.parameters import Parameter
+from pliant.identification.problem import root_mean_square
+
+Array = np.ndarray
+Notify = Callable[[str], None]
+MOST_ROUNDS = 3  # of releasing parameters of the body from their prior
+EVALUATIONS, TOLERANCE = 60, 1e-4  # of a search; the change of the cost at which it ends is far below its doubt
+LEAST_FRAMES = 10
+MOST_FACTOR = 4.0  # by which a positive parameter of the body may change
+STRAINED = 2.5  # standard deviations of the wide priors of the mounting
+RELEASED = 0.5  # of a parameter's size: standard deviation of a parameter of the body that is released
+LEAST_MOTION = 0.003  # of the body's length
+SEEN = 0.25  # of the prior's variance left, below which the recordings determine a direction of the mounting
+PLAIN = 1.15  # error before over error after: a smaller gain is no new mounting, whatever the statistics say
+CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
+LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
+WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
+
+
+class DayParts(NamedTuple):
+    """Recordings of a day: the seconds to fit, and what judges the fit."""
+
+    fitted: tuple[Experiment, ...]
+    judged: tuple[Experiment, ...]
+
+    @property
+    def seconds(self) -> float:
+        """Return the duration [s] of the motion to fit, without warm-ups."""
+        return float(sum(np.ptp(e.time) - e.warm_up for e in self.fitted))
+
+
+def parts_of_day(experiments: Sequence[Experiment], seconds: float) -> DayParts:
+    """Divide recordings of a day into the first `seconds` of motion, and the rest.
+
+    A recording under measured inputs is cut where the seconds end; the rest of it is simulated from its beginning and
+    compared from there on. Other recordings are used whole. The seconds count from the first frame, warm-up included.
+
+    Raises
+    ------
+    InputError
+        When the seconds hold no motion, or too few frames.
+    """
+    fitted: list[Experiment] = []
+    judged: list[Experiment] = []
+    left = seconds
+    for exp in experiments:
+        duration = float(np.ptp(exp.time))
+        if left <= 0 and fitted:
+            judged.append(exp)
+        elif exp.excitation != "trace" or duration <= left:
+            fitted.append(exp)
+        else:
+            first, rest = cut(exp, left)
+            fitted.append(first)
+            judged += rest
+        left -= duration
+    return DayParts(tuple(fitted), tuple(judged))
+
+
+def cut(exp: Experiment, seconds: float) -> tuple[Experiment, list[Experiment]]:
+    """Return the first `seconds` of an experiment under measured inputs and, if it is long enough, the rest of it."""
+    early = exp.time <= exp.time[0] + seconds
+    if np.count_nonzero(early & ~exp.warming) < LEAST_FRAMES:
+        warm = f" after the warm-up of {exp.warm_up:g} s" if exp.warm_up else ""
+        raise InputError(f"recording {exp.name} has {np.count_nonzero(early & ~exp.warming)} frames in its first "
+                         f"{seconds:g} s{warm}, and a fit needs {LEAST_FRAMES}: state more seconds")  # fmt: skip
+    try:
+        first = exp.of_frames(early)
+    except InputError as error:
+        raise InputError(f"the first {seconds:g} s cannot be used: {error}") from None
+    if np.count_nonzero(~early) < LEAST_FRAMES:
+        return exp, []
+    name = f"{exp.name}_rest"
+    if exp.poses:
+        return first, [replace(exp.of_frames(~early), name=name)]
+    after = float(exp.time[np.flatnonzero(~early)[0]] - exp.time[0])
+    return first, [replace(exp, name=name, warm_up=max(after, exp.warm_up))]
+
+
+def check_day(old: FitResult, day: DayParts) -> None:
+    """Raise InputError if recordings of a day do not move, or lack inputs or stations of the fitted model."""
+    model = old.model
+    known = {p.name for p in model.points}
+    for exp in day.fitted:
+        if strange := [s for s in exp.stations if s not in known]:
+            raise InputError(f"recording {exp.name} shows the station {strange[0]!r}, which the fitted model does not "
+                             f"have ({', '.join(sorted(known))}): it is of another arm, or its stations need the "
+                             "names of the study")  # fmt: skip
+        if exp.without_positions != old.turns:
+            holds, wanted = ("angles alone", "positions") if old.turns < exp.without_positions else (
+                "positions", "angles alone")  # fmt: skip
+            raise InputError(f"recording {exp.name} holds {holds}, but the model was fitted to {wanted}: use a "
+                             "recording of the same kind")  # fmt: skip
+        if exp.drives and (idle := at_rest(model, exp)):
+            raise InputError(f"recording {exp.name} lacks an input of the fitted model: {idle} Name the recorded "
+                             "input in drive")  # fmt: skip
+    least = LEAST_MOTION * model.length
+    moving = [e for e in day.fitted if e.without_positions or e.travel >= least]
+    if not moving:
+        raise InputError(f"the first {day.seconds:.3g} s of {day.fitted[0].name} hold no motion: the tip moves by "
+                         f"{1e3 * max(e.travel for e in day.fitted):.2g} mm, less than {100 * LEAST_MOTION:g} % of the "
+                         "body's length; state more seconds, or use a recording in which the arm moves")  # fmt: skip
+
+
+def adapt_model(
+    old: FitResult, posterior: Posterior, day: DayParts, *, weighting: str = "travel", loss: str = "linear",
+    kind: bool = False, progress: Notify | None = None,
+) -> Adaptation:
+    """Fit a known arm to the first seconds of another day, and judge what changed.
+
+    The posterior of the earlier fit is the prior of the body's parameters. Those of the mounting are free with wide
+    priors (`MOUNTING`). If parts of the seconds are then predicted clearly better from the other parts, the covariance
+    of the body is widened (`body_factor`). A parameter of the body that moves by more than four of its standard
+    deviations is released from its prior, and the fit is repeated. So are all of them if the mounting moves farther
+    than its priors allow.
+
+    Parameters
+    ----------
+    old : FitResult
+        The earlier fit, whose errors are those "before".
+    posterior : Posterior
+        What earlier fits say about the body.
+    day : DayParts
+        Recordings of the day, see `parts_of_day`.
+    weighting, loss : str
+        As in `fit`.
+    kind : bool
+        Whether the recordings are of another robot of the kind.
+    progress : callable, optional
+        Called with a line of text after each fit.
+
+    Raises
+    ------
+    InputError
+        When the recordings do not move, or lack inputs or stations of the model.
+    FitError
+        When the model cannot be simulated.
+    """
+    notify = progress or (lambda _line: None)
+    check_day(old, day)
+    options: dict[str, Any] = {
+        "weighting": weighting, "loss": loss, "time_step": old.time_step, "tolerance": TOLERANCE,
+        "least_error": least_error(old, day, weighting),
+    }
+    result, released = fitted_day(posterior, day, posterior.prior, options), dict[str, float]()
+    factor = body_factor(posterior, day.fitted, result, weighting=weighting, least_error=options["least_error"])
+    prior = widened_body(posterior, factor).prior
+    if factor > 1.0:
+        notify(f"adapt: left-out parts of the seconds are predicted better if the body may differ by {factor**0.5:g} "
+               "times its standard deviations")  # fmt: skip
+        result = fitted_day(posterior, day, prior, options)
+    for _ in range(MOST_ROUNDS):
+        moves = body_moves(posterior, result)
+        far = {n: abs(z) for n, z in moves.items() if abs(z) > FAR}
+        if not far and strained(all_moves(posterior, result, prior)):
+            far = dict.fromkeys(moves, 1.0)
+        far = {n: z for n, z in far.items() if n not in released}
+        notify(f"adapt: {result.status}")
+        if not far:
+            break
+        sizes = {p.name: max(abs(p.value or 0.0), p.scale) for p in posterior.parameters}
+        released |= {n: (RELEASED * sizes[n]) ** 2 for n, z in far.items() if z > 0.5 * max(far.values())}
+        notify(f"adapt: released from the earlier fit: {', '.join(released)}")
+        result = fitted_day(posterior, day, prior.widened(released), options)
+    return judged(old, posterior, day, result, prior, kind=kind)
+
+
+def least_error(old: FitResult, day: DayParts, weighting: str) -> float:
+    """Return the RMS error of the model that the earlier fit showed, in the unit of the residuals; 0 if it is unknown.
+
+    A few seconds can be fitted more closely than the model deserves.
+    """
+    usual = float(np.median(list(old.rmse.values()))) if old.rmse else 0.0
+    unit = {"metre": 1.0, "noise": np.inf}.get(weighting, float(np.median([e.travel for e in day.fitted])))
+    dimensions = 1 if old.turns else day.fitted[0].dimension
+    return float(usual / unit / np.sqrt(dimensions))
+
+
+def strained(moves: Sequence[Move]) -> bool:
+    """Return whether a parameter of the mounting moved farther than its wide prior makes plausible, as it does to make
+    up for a change of the body.
+    """
+    return any(abs(m.after - m.before) > STRAINED * m.prior_std for m in moves if m.belongs == "mounting")
+
+
+def fitted_day(posterior: Posterior, day: DayParts, prior: Any, options: dict[str, Any]) -> FitResult:
+    """Return the fit of the body and of its mounting to the first seconds of a day."""
+    std = prior.std
+    body = [bounded(p.with_(prior=p.value, prior_std=std[p.name], std=None)) if p.free else p
+            for p in posterior.parameters]  # fmt: skip
+    listed: list[Parameter | str] = [*body, *mounting_parameters(posterior.model, day.fitted, posterior.values)]
+    result = fit(list(day.fitted), posterior.model, listed, prior=prior, starts=1, max_evaluations=EVALUATIONS,
+                 **options)  # fmt: skip
+    found = result.covariance
+    if found is None:
+        return result
+    return replace(result, covariance=found._replace(between=posterior.scatter(found.names)))
+
+
+def bounded(p: Parameter) -> Parameter:
+    """Return a parameter with bounds a factor of four from its value, if it cannot be negative: a Gaussian prior that
+    is wide for its mean says nothing about values near 0.
+    """
+    if p.value is None or p.lower < 0.0 or p.value <= p.lower:
+        return p
+    return p.with_(lower=max(p.lower, p.value / MOST_FACTOR), upper=min(p.upper, MOST_FACTOR * p.value))
+
+
+def common_factor(posterior: Posterior, result: FitResult) -> float:
+    """Return the part of the move of all gains that they have in common, as the logarithm of a factor."""
+    direction = posterior.gain_direction
+    if not direction.any():
+        return 0.0
+    move = np.array([result.values[n] for n in posterior.body.names]) - posterior.body.mean
+    weighed = np.linalg.solve(posterior.body.covariance, direction)
+    return float(weighed @ move / (weighed @ direction + COMMON_GAIN**-2))
+
+
+def body_moves(posterior: Posterior, result: FitResult) -> dict[str, float]:
+    """Return by how many of its standard deviations each free parameter of the body moved, by name, apart from the
+    factor that all gains have in common.
+    """
+    factor, std = common_factor(posterior, result), posterior.body.std
+    rows = zip(posterior.body.names, posterior.body.mean, factor * posterior.gain_direction, strict=True)
+    return {name: float((result.values[name] - mean - common) / std[name]) for name, mean, common in rows}
+
+
+def all_moves(posterior: Posterior, result: FitResult, prior: Any) -> tuple[Move, ...]:
+    """Return the moves of all free parameters from one day to the other, those of the mounting first."""
+    moved, std = body_moves(posterior, result), prior.std
+    rows = []
+    for p in result.parameters:
+        if not p.free or p.value is None or not (p.name in moved or of_mounting(p.name)) or p.prior is None:
+            continue
+        in_body = p.name in moved
+        old = posterior.body.std[p.name] if in_body else posterior.std.get(p.name)
+        rows.append(Move(p.name, "body" if in_body else "mounting", p.unit, p.prior, p.value, old,
+                         std[p.name] if in_body else float(p.prior_std or 0.0), p.std,
+                         moved[p.name] if in_body else None if not old else (p.value - p.prior) / old))  # fmt: skip
+    direction = posterior.gain_direction
+    if direction.any():
+        factor = float(np.exp(common_factor(posterior, result)))
+        rows.append(Move(COMMON, "mounting", "1", 1.0, factor, None, COMMON_GAIN, None, None))
+    return tuple(sorted(rows, key=lambda m: m.belongs == "body"))
+
+
+def judged(
+    old: FitResult, posterior: Posterior, day: DayParts, result: FitResult, prior: Any, *, kind: bool,
+) -> Adaptation:
+    """Return moves, errors and verdict of an adapted model."""
+    moves = all_moves(posterior, result, prior)
+    errors, travel = [], max(e.travel for e in (*day.fitted, *day.judged))  # a part may hold less motion than the day
+    for exp in (*day.fitted, *day.judged):
+        before = error_of(exp, old)
+        after = result.rmse[exp.name] if exp.name in result.rmse else error_of(exp, result)
+        errors.append(DayError(exp.name, "fitted" if exp in day.fitted else "judged", before, after, travel))
+    verdict, sentence = verdict_of(old, moves, errors, mounting_moved(moves, result), kind=kind)
+    return Adaptation(verdict, sentence, changed_body(moves), moves, tuple(errors), day.seconds, result)
+
+
+def changed_body(moves: Sequence[Move]) -> tuple[str, ...]:
+    """Return the parameters of the body that moved by more than four of their standard deviations."""
+    return tuple(m.name for m in moves if m.belongs == "body" and m.moved is not None and abs(m.moved) > FAR)
+
+
+def error_of(exp: Experiment, result: FitResult) -> float:
+    """Return the RMS error [m; angles: rad] of a recording under a fitted model, with its own edge times fitted."""
+    return root_mean_square(predict_held_out(exp, result)[0]["compared"], exp.compared)
+
+
+def mounting_moved(moves: Sequence[Move], result: FitResult) -> str:
+    """Return a phrase on the parameters of the mounting that moved, '' if none did.
+
+    Recordings may show that the mounting moved without telling one of its parameters from another. All of them
+    together are therefore judged by the covariance of the fit.
+    """
+    mine = [m for m in moves if m.belongs == "mounting" and m.name != COMMON]
+    clear = [m.name for m in moves if m.belongs == "mounting" and m.clear]
+    if clear:
+        return join_words(clear)
+    found = result.covariance
+    if found is None or not mine:
+        return ""
+    index = [found.names.index(m.name) for m in mine]
+    std = np.array([m.prior_std for m in mine])
+    size, turn = np.linalg.eigh(found.matrix[np.ix_(index, index)] / np.outer(std, std))
+    away = turn.T @ (np.array([m.after - m.before for m in mine]) / std)
+    seen = size < SEEN
+    distance = float(np.sum(away[seen] ** 2 / np.maximum(size[seen], 1e-9)))
+    if distance <= seen.sum() + CLEARLY * np.sqrt(2.0 * seen.sum()):
+        return ""
+    largest = join_words([m.name for m in sorted(mine, key=lambda m: -abs(m.after - m.before) / m.prior_std)[:3]])
+    return f"the mounting as a whole, most of all {largest}, which make up for each other,"
+
+
+def verdict_of(
+    old: FitResult, moves: Sequence[Move], errors: Sequence[DayError], mounting: str, *, kind: bool,
+) -> tuple[Verdict, str]:
+    """Return the verdict on an arm of another day, and a sentence with the reason. `mounting` is a phrase on the
+    parameters of the mounting that moved, '' for none.
+    """
+    changed = changed_body(moves)
+    fitted = max(e.after / e.travel for e in errors if e.role == "fitted")
+    body = [m for m in moves if m.belongs == "body"]
+    usual = max(old.rmse.values(), default=0.0) / max(e.travel for e in errors)
+    lost = fitted > LOST or (usual > 0 and fitted > max(0.1, WORSE * usual))
+    if kind and not lost:
+        return "another of the kind", "Another robot of the kind: its body is fitted within the spread of the kind."
+    if lost or (len(changed) > 2 and len(changed) > 0.5 * len(body)):
+        reason = (f"its error on the fitted seconds stays at {100 * fitted:.2g} % of the peak displacement" if lost else
+                  f"{len(changed)} of {len(body)} parameters of the body moved by more than {FAR:g} of their old "
+                  "standard deviations")  # fmt: skip
+        return "another arm", f"Another arm: {reason}. Identify it anew, from these start values."
+    if changed:
+        listed = join_words([m.sentence for m in moves if m.name in changed])
+        return "changed body", f"The body changed: {listed}."
+    better = sum(e.before for e in errors) > PLAIN * sum(e.after for e in errors)
+    if mounting and better:
+        return "re-mounted", f"The same arm, mounted anew: {mounting} moved; no parameter of the body did."
+    return "same arm", "The same arm in the same mounting: no parameter moved beyond its doubt."

@@ -1,0 +1,57 @@
+"""`pliant adapt`: adapt a fitted model to another day, from a few seconds of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pliant.cli.terminal import in_unit, progress_lines, say
+
+
+def adapt(
+    results: Annotated[
+        list[Path], typer.Argument(help="Results folder of `pliant run`, or of an earlier adaptation; with --of-a-kind "
+                                        "one for each known robot of the kind.")
+    ],
+    recording: Annotated[
+        list[Path], typer.Option("--recording", help="Recording of the other day; can be repeated. What follows the "
+                                                     "first seconds judges the model.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="New folder for model, metrics, results and report.")],
+    seconds: Annotated[
+        float, typer.Option("--seconds", parser=in_unit("s", least=0.0), help="Duration of the motion to fit, s, "
+                                                                              "warm-up included.")
+    ] = 20.0,
+    fit: Annotated[str, typer.Option("--fit", help="Fit to start from; default: the first of the results.")] = "",
+    like: Annotated[
+        str, typer.Option("--like", help="Recording of the study whose columns, alignment and inputs apply; default: "
+                                         "the first training recording.")
+    ] = "",
+    of_a_kind: Annotated[
+        bool, typer.Option("--of-a-kind", help="The recording is of another robot of the same kind: each "
+                            "parameter of the body may differ by 15 %; three or more results tell the spread.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
+) -> None:
+    """Adapt a fitted model to another day: fit the mounting, update the body, and say what changed.
+
+    The results of the earlier run are not changed. The exit code is 1 if the recording is of another arm.
+
+    Example: pliant adapt results/arm --recording may.csv -o results/arm_may
+    """
+    from pliant.study.adapted_run import SPREAD
+    from pliant.study.adapted_run import adapt as adapted
+
+    with progress_lines() as notify:
+        outcome = adapted(results, recording, output, seconds=seconds, fit=fit, like=like,
+                          spread=SPREAD if of_a_kind else None, progress=notify)
+    adaptation = outcome.adaptations["adapted"]
+    if json:
+        say((output / "metrics.json").read_text(encoding="utf-8"))
+    else:
+        say(repr(adaptation))
+        say(f"report: {output / 'report.html'}")
+    if adaptation.verdict == "another arm":
+        raise typer.Exit(1)

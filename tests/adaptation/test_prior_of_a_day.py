@@ -1,0 +1,172 @@
+"""The prior of another day against closed forms of linear Gaussian problems, and what belongs to the mounting."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pliant.adaptation.adapt import common_factor, parts_of_day
+from pliant.adaptation.mounting import COMMON_GAIN, MOUNTING, common_gain, mounting_parameters, of_mounting, width_of
+from pliant.adaptation.posterior import Posterior, of_a_kind, posterior_of
+from pliant.errors import InputError
+from pliant.identification import Experiment, FitResult, Parameter
+from pliant.identification.joint_prior import JointPrior
+from pliant.identification.names import declarations
+from pliant.identification.scatter import scatter_between
+from pliant.identification.uncertainty import Covariance
+from pliant.model import Station, Tendon, chain_model
+from pliant.simulation import Trace
+
+
+def prior(rng: np.random.Generator, names: tuple[str, ...]) -> JointPrior:
+    root = rng.normal(size=(len(names), len(names)))
+    return JointPrior(names, rng.normal(size=len(names)), root @ root.T + np.eye(len(names)))
+
+
+def test_the_rows_of_a_joint_prior_are_its_quadratic_form(rng):
+    joint = prior(rng, ("stiffness", "damping", "tip_mass"))
+    free = [Parameter(n, 1.0) for n in ("damping", "torque_1", "stiffness", "tip_mass")]
+    scale = np.array([0.1, 2.0, 3.0, 0.5])
+    A, b = joint.rows(free, scale)
+    x = rng.normal(size=4)
+    values = dict(zip((p.name for p in free), x * scale, strict=True))
+    off = np.array([values[n] for n in joint.names]) - joint.mean
+    assert np.sum((A @ x - b) ** 2) == pytest.approx(off @ np.linalg.solve(joint.covariance, off), rel=1e-9)
+
+
+def test_parameters_that_are_not_free_are_marginalised(rng):
+    joint = prior(rng, ("stiffness", "damping", "tip_mass"))
+    A, b = joint.rows([Parameter("damping", 1.0)], np.ones(1))
+    assert A.shape == (1, 1)
+    assert (A[0, 0] ** -2, b[0] / A[0, 0]) == pytest.approx((joint.covariance[1, 1], joint.mean[1]))
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    ({"mean": np.zeros(2)}, "needs a mean"), ({"mean": np.array([np.nan, 0, 0])}, "finite"),
+    ({"covariance": np.diag([1.0, 0.0, 1.0])}, "that of damping is not"),
+])  # fmt: skip
+def test_an_impossible_prior_is_refused(change, said):
+    entries = {"mean": np.zeros(3), "covariance": np.eye(3)} | change
+    with pytest.raises(InputError, match=said):
+        JointPrior(("stiffness", "damping", "tip_mass"), **entries)
+
+
+def test_scatter_between_recordings_is_found_and_noise_alone_gives_none(rng):
+    count, frames, true = 12, 400, 0.3
+    J = rng.normal(size=(count, frames, 2))
+    inverse = np.linalg.inv(np.einsum("kti,ktj->ij", J, J))
+
+    def scores(spread: float) -> np.ndarray:
+        x = spread * rng.normal(size=(count, 2))
+        y = np.einsum("kti,ki->kt", J, x) + 0.1 * rng.normal(size=(count, frames))
+        mean = inverse @ np.einsum("kti,kt->i", J, y)
+        return np.einsum("kti,kt->ki", J, y - J @ mean)
+
+    noise = 0.1**2 * inverse
+    found = scatter_between(scores(true), inverse, noise)
+    np.testing.assert_allclose(np.sqrt(np.diag(found)), true, rtol=0.5)
+    quiet = np.mean([np.diag(scatter_between(scores(0.0), inverse, noise)) for _ in range(20)])
+    assert quiet < 0.3 * count * noise[0, 0]
+    assert scatter_between(scores(true)[:2], inverse, noise) is None
+
+
+def test_every_row_of_the_mounting_is_a_parameter():
+    assert set(MOUNTING) <= set(declarations())
+    assert of_mounting("base_tilt_x")
+    assert of_mounting("tip.along")
+    assert not of_mounting("stiffness")
+    assert not of_mounting("left.torque_1")
+
+
+def test_the_mounting_of_a_planar_arm_has_its_values_and_wide_priors():
+    model = chain_model(length=0.2, mass=0.1, links=2, stiffness=1.0, damping=0.1, torque=[1e-6], base_angle=0.03,
+                        tip_mass=0.01, rest_angle=[0.1, -0.2], stations=(Station("tip", 1, 0.1),))  # fmt: skip
+    time = np.arange(20) / 10
+    position = np.stack([np.sin(time), 0.1 + 0 * time], axis=1)[:, None]
+    exp = Experiment("day", time, position, ("tip",), "trace", Trace(time, 1e4 * time))
+    listed = {p.name: p for p in mounting_parameters(model, [exp], {"base_x": 2e-3})}
+    assert {n: p.value for n, p in listed.items()} == pytest.approx({
+        "tip_mass": 0.01, "start": 0.0, "rest_angle_1": 0.1, "rest_angle_2": -0.2, "base_x": 2e-3, "base_y": 0.0,
+        "base_angle": 0.03, "tip.along": 0.1, "tip.across": 0.0,
+    })  # fmt: skip
+    assert listed["base_x"].prior_std == pytest.approx(0.1 * 0.2)
+    assert listed["tip_mass"].prior_std == pytest.approx(0.1 * 0.1)
+    assert all(p.free and p.prior == p.value for p in listed.values())
+
+
+def test_a_pretension_is_as_wide_as_the_largest_one():
+    tendon = Tendon(driven_by="displacement", lever=0.01, line_stiffness=1e3, pretension=8.0, joint_gain=[1.0],
+                    cross_gain=[0.0], name="m")  # fmt: skip
+    model = chain_model(length=0.2, mass=0.1, links=1, stiffness=1.0, damping=0.1, space=True, chambers=(tendon,))
+    assert width_of("m.pretension", model) == pytest.approx(0.3 * 8.0)
+
+
+def test_a_factor_on_inputs_is_a_power_of_it_on_a_torque_law():
+    values = {"stiffness": 2.0, "torque_1": 3.0, "torque_2": 5.0, "gain": 7.0}
+    np.testing.assert_allclose(common_gain(tuple(values), values), [0.0, 3.0, 10.0, 0.0])
+    values = {"a.gain_x": 2.0, "a.axial_gain": 3.0, "b.torque_1": 4.0, "b.gain_y": 5.0}
+    np.testing.assert_allclose(common_gain(tuple(values), values), [2.0, 3.0, 4.0, 0.0])
+
+
+def result(values: dict[str, float], std: float = 0.01) -> FitResult:
+    model = chain_model(length=0.2, mass=0.1, links=2, stiffness=values["stiffness"], damping=0.1, torque=[1e-6])
+    listed = tuple(Parameter(n, v, std=std) for n, v in values.items())
+    spread = Covariance(tuple(values), std**2 * np.eye(len(values)), np.eye(len(values)), np.zeros(len(values), bool),
+                        0.0, 100.0)  # fmt: skip
+    return FitResult(model, listed, "", {"old": 1e-3}, 1, 0.0, True, spread)
+
+
+def test_what_belongs_to_recordings_and_mounting_is_left_out_of_the_body():
+    found = posterior_of(result({"stiffness": 1.0, "base_angle": 0.1, "old.base_x": 0.01}), {"old"})
+    assert found.body.names == ("stiffness",)
+    assert found.values == {"base_angle": 0.1}
+    assert np.sqrt(found.body.covariance[0, 0]) == pytest.approx(np.hypot(0.01, 0.02))  # doubt and day to day
+    with pytest.raises(InputError, match="no free parameter of the body"):
+        posterior_of(result({"stiffness": 1.0}).__class__(**{
+            **vars(result({"stiffness": 1.0})), "parameters": (Parameter("stiffness", 1.0, free=False),)}), set())
+
+
+def test_the_common_factor_is_the_posterior_mean_of_a_linear_problem():
+    joint = JointPrior(("a.torque_1", "b.torque_1"), np.array([2.0, 4.0]), np.diag([0.01, 0.04]))
+    posterior = Posterior(None, (), joint, {}, {})
+    log_factor = 0.05
+    moved = SimpleNamespace(values={"a.torque_1": 2.0 * (1 + log_factor), "b.torque_1": 4.0 * (1 + log_factor)})
+    information = 2.0**2 / 0.01 + 4.0**2 / 0.04
+    expected = log_factor * information / (information + COMMON_GAIN**-2)
+    assert common_factor(posterior, moved) == pytest.approx(expected)
+
+
+def test_several_robots_tell_the_spread_of_their_kind():
+    robots = [posterior_of(result({"stiffness": k, "damping": 0.1}), set()) for k in (0.8, 1.0, 1.2)]
+    kind = of_a_kind(robots, 0.5)
+    assert kind.body.means["stiffness"] == pytest.approx(1.0)
+    spread = np.sqrt(0.04 * (1 + 1 / 3) + np.mean([0.01**2 + (0.02 * k) ** 2 for k in (0.8, 1.0, 1.2)]))
+    assert kind.body.std["stiffness"] == pytest.approx(spread)
+    one = of_a_kind(robots[:1], 0.5)
+    assert one.body.std["stiffness"] == pytest.approx(np.sqrt((0.5 * 0.8) ** 2 + 0.01**2 + 0.016**2))
+
+
+def moving(seconds: float, **options: object) -> Experiment:
+    time = np.arange(0.0, seconds, 0.05)
+    position = 0.1 * np.stack([np.sin(time), np.cos(time)], axis=1)[:, None]
+    return Experiment("day", time, position, ("tip",), "trace", Trace(time, 1e4 * np.sin(time)), **options)
+
+
+def test_a_day_is_cut_where_the_seconds_end():
+    parts = parts_of_day([moving(30.0), replace(moving(10.0), name="later")], 12.0)
+    assert [e.name for e in parts.fitted] == ["day"]
+    assert [e.name for e in parts.judged] == ["day_rest", "later"]
+    fitted, rest = parts.fitted[0], parts.judged[0]
+    seen = np.isfinite(rest.compared).all(axis=(1, 2))
+    assert fitted.time[-1] == pytest.approx(12.0)
+    assert rest.time[seen][0] == pytest.approx(12.05)
+    assert seen.sum() + fitted.time.size == moving(30.0).time.size
+    assert rest.time[0] == 0.0  # simulated from the beginning
+
+
+def test_seconds_within_the_warm_up_are_refused():
+    with pytest.raises(InputError, match="after the warm-up of 4 s, and a fit needs"):
+        parts_of_day([moving(30.0, warm_up=4.0)], 4.2)
