@@ -19,7 +19,7 @@ from pliant.validation.store import load_fit
 from pliant.version import __version__
 
 Notify = Callable[[str], None]
-SPREAD = AdaptEntry(recordings=["any"]).spread
+SPREAD: float = AdaptEntry.model_validate({"recordings": ["any"]}).spread
 
 
 def adapt(
