@@ -31,6 +31,7 @@ BUILT_IN = {
     "fmu": "pliant.exporters.fmu:EXPORTER",
     "state-space": "pliant.exporters.state_space:EXPORTER",
     "urdf": "pliant.exporters.urdf:EXPORTER",
+    "jax": "pliant.exporters.jax_module:EXPORTER",
 }
 
 
