@@ -15,10 +15,12 @@ import numpy as np
 
 from pliant.compiler.trace import CURVED
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
+from pliant.errors import InputError
 from pliant.exporters.c_functions import DERIVED, UNIT, parameters
-from pliant.exporters.provenance import Provenance
+from pliant.exporters.provenance import Provenance, Uncertainty
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
+from pliant.identification.parameters import apply, kind_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model
 from pliant.model.extensible import tied_joints
@@ -33,6 +35,8 @@ VALVE = ("rise_time", "fall_time", "rise_rate", "fall_rate")
 RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time", "inflation_jm")
 BOUCWEN = tuple(f"boucwen_{name}" for name in ("share", "beta", "gamma", "exponent"))
 FIXED = ("tied", "dead_time", "boucwen", "valve", "rubber")  # written in another form, or part of the structure
+FAR = 1e300  # in place of an infinite bound
+LEAST_WITHIN, STEP = 0.1, 1e-3  # fraction of draws within bounds; step of a derivative over the standard error
 FORM = 5  # column of a chamber's constants that holds the number of its torque law
 
 
@@ -80,6 +84,52 @@ def structure(model: Model) -> dict[str, str]:
     }
 
 
+def posterior(model: Model, known: Uncertainty | None) -> dict[str, str]:
+    """Return the constants of `jax_source.posterior` as Python expressions by their names; {} without a covariance.
+
+    Raises
+    ------
+    InputError
+        When less than one in ten random draws lies within the bounds of the fit.
+    """
+    if known is None or not known.names:
+        return {}
+    kinds = [kind_of(name) for name in known.names]
+    lower, upper = (np.clip([getattr(kind, end) for kind in kinds], -FAR, FAR) for end in ("lower", "upper"))
+    size = np.sqrt(np.diag(known.covariance))
+    scale = np.where(size > 0, size, 1.0)
+    value, turn = np.linalg.eigh(known.covariance / np.outer(scale, scale))
+    factor = scale[:, None] * turn * np.sqrt(np.maximum(value, 0.0))
+    tried = known.mean + np.random.default_rng(0).standard_normal((2000, scale.size)) @ factor.T
+    within = float(np.mean(((tried >= lower) & (tried <= upper)).all(axis=1)))
+    if within < LEAST_WITHIN:
+        raise InputError(f"{100 * within:.1f} % of the draws from the fit's covariance lie within the bounds of its "
+                         "parameters, which are too uncertain: fit to more recordings or with fewer free parameters, "
+                         "or export without the fit")  # fmt: skip
+    slopes = parameter_slopes(model, known, STEP * scale)
+    rows = [f"    {k!r}: {table(v)}," for k, v in slopes.items()]
+    arrays = {"MEAN": known.mean, "LOWER": lower, "UPPER": upper, "FACTOR": factor}
+    return {k: table(v) for k, v in arrays.items()} | {"SLOPES": "\n".join(["{", *rows, "}"])}
+
+
+def parameter_slopes(model: Model, known: Uncertainty, steps: Array) -> dict[str, Array]:
+    """Return the derivatives (P, ...) of those exported parameters that change with the P fitted values."""
+    base, rows = exported_parameters(model), {name: [] for name in exported_parameters(model)}  # type: ignore[var-annotated]
+    for k, h in enumerate(steps):
+        ends = []
+        for sign in (-1.0, 1.0):
+            moved = known.mean + sign * h * np.eye(steps.size)[k]
+            values = dict(zip(known.names, moved.tolist(), strict=True))
+            try:
+                ends.append((sign, exported_parameters(apply(model, values))))
+            except InputError:  # at a physical limit: the other side alone
+                ends.append((0.0, base))
+        (first, low), (last, high) = ends
+        for name, own in rows.items():
+            own.append((high[name] - low[name]) / (h * max(last - first, 1.0)))
+    return {name: np.array(own) for name, own in rows.items() if np.any(own)}
+
+
 def table(values: Array) -> str:
     """Return a Python expression of an array, with all digits."""
     return f"np.array({values.tolist()!r}, dtype=float).reshape({values.shape!r})"
@@ -114,13 +164,14 @@ def stripped(name: str) -> str:
 
 def with_values(text: str, values: Mapping[str, str]) -> str:
     """Return the text of `structure` with the values of a model in place of its own."""
-    rows = text.splitlines()
+    rows: list[str | None] = list(text.splitlines())
     for node in ast.parse(text).body:
         target = node.targets[0] if isinstance(node, ast.Assign) else None
         if isinstance(target, ast.Name):
-            _, mark, comment = rows[node.lineno - 1].partition("  # ")
-            rows[node.lineno - 1] = f"{target.id} = {values[target.id]}{mark}{comment}"
-    return "\n".join(rows)
+            _, mark, comment = str(rows[node.lineno - 1]).partition("  # ")
+            own = f"{target.id} = {values[target.id]}{mark}{comment}" if target.id in values else None
+            rows[node.lineno - 1] = own
+    return "\n".join(row for row in rows if row is not None)
 
 
 def code(model: Model, provenance: Provenance) -> str:
@@ -133,11 +184,13 @@ def code(model: Model, provenance: Provenance) -> str:
     head = ["# " + line for line in provenance.lines("line")]
     held = [f"    {k!r}: {table(v)}," for k, v in exported_parameters(model).items()]
     own = [f"    {k!r}: {v!r}," for k, v in units(model).items()]
+    drawn = posterior(model, provenance.uncertainty)
     parts = [
         "\n".join(head), MODULE_DOCSTRING, IMPORTS, with_values(stripped("structure"), structure(model)),
         "\n".join(["parameters = {  # of the model, in SI units: a pytree", *held, "}"]),
         "\n".join(["units = {", *own, "}"]), "\n".join(f"{k} = {v!r}" for k, v in names.items()),
         *(stripped(name) for name in sources(model)[1:]),
+        *(["\n".join(f"{k} = {v}" for k, v in drawn.items()), stripped("posterior")] if drawn else []),
     ]
     return "\n\n\n".join(parts) + "\n"
 
@@ -148,7 +201,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax"""
-MODULE_DOCSTRING = '''"""An actuator as functions of JAX: rest, step, rollout and observe, of `parameters`, states and inputs.
+MODULE_DOCSTRING = '''"""An actuator in JAX: the functions rest, step, rollout and observe of `parameters`, states and inputs.
 
 Precision is that of the parameters: call jax.config.update("jax_enable_x64", True) before the first use for 64 bit.
 """'''
@@ -159,4 +212,4 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
     return (write_text(path, code(model, provenance)),)
 
 
-EXPORTER = Exporter("jax", "JAX: one Python module with gradients, for CPU and GPU", (".py",), CAN, write)
+EXPORTER = Exporter("jax", "JAX: one Python module with gradients, for CPU and GPU", (".py",), CAN, write, draws=True)

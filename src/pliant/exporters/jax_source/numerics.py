@@ -6,37 +6,21 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-UNROLLED = 24  # coordinates up to which the factors are written out
 
+def solver(A):
+    """Return a function that solves A x = b (N,) for a symmetric matrix A (N, N), which is factored once.
 
-def factors(A):
-    """Return the factors L D L^T of a symmetric matrix A (N, N) without pivoting, as a list of N columns.
-
-    Column k holds L below the diagonal; its first entry is 1 / D. Larger matrices: the factors of `jax.scipy`.
+    The factors are not differentiated: the derivatives of x are those of the equations.
     """
-    if A.shape[0] > UNROLLED:
-        return jax.scipy.linalg.lu_factor(A)
-    columns = []
-    for _ in range(A.shape[0]):
-        one = 1.0 / A[0, 0]
-        below = A[1:, 0] * one
-        columns.append((one, below))
-        A = A[1:, 1:] - below[:, None] * A[0, 1:]
-    return columns
+    columns = jax.scipy.linalg.lu_factor(lax.stop_gradient(A))
 
+    def solve(b):
+        def by_factors(_, b):
+            return jax.scipy.linalg.lu_solve(columns, b)
 
-def solved(columns, b):
-    """Return x of A x = b (N,) for the `factors` of A."""
-    if not isinstance(columns, list):
-        return jax.scipy.linalg.lu_solve(columns, b)
-    forward = []
-    for _, below in columns:
-        forward.append(b[0])
-        b = b[1:] - below * b[0]
-    x = b
-    for (one, below), value in zip(reversed(columns), reversed(forward), strict=True):
-        x = jnp.concatenate([(value * one - below @ x)[None], x])
-    return x
+        return lax.custom_linear_solve(lambda x: A @ x, b, by_factors, symmetric=True)
+
+    return solve
 
 
 def rooted(residual, guess, search):

@@ -1,6 +1,6 @@
-"""Chain in space. Coordinates are two swings (a, b) of each joint, then the twists [rad], then the strains of segments.
+"""Chain in space. Coordinates are two swings (a, b) of each joint, then the twists [rad], then the strains.
 
-All vectors are in the fixed axes of the base frame. Sums over links are cumulative sums; the rotations alone are a loop.
+All vectors are in the fixed axes of the base frame. Sums over links are cumulative sums; only the rotations are a loop.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ PAIR = (JOINT[:, None] == JOINT[None]) & (np.maximum.outer(np.arange(TURNED), np
 MIXED = PAIR & ~np.eye(TURNED, dtype=bool)
 TERMS = 14  # of Stumpff's series: exact to rounding for swings up to 4 rad
 FACTORIALS = np.cumprod(np.arange(1.0, 2 * TERMS + 4))
-C4 = [float((-1.0) ** j / FACTORIALS[2 * j + 3]) for j in range(TERMS)]
-C5 = [float((-1.0) ** j / FACTORIALS[2 * j + 4]) for j in range(TERMS)]
+SERIES = np.array([[(-1.0) ** j / FACTORIALS[2 * j + k] for k in (3, 4)] for j in range(TERMS)])  # of c4 and c5
 TINY = 1e-24  # rad^2, under a root, so that the size of a swing has a derivative where the joint is straight
 
 
@@ -49,9 +48,10 @@ def rotations(vector):
 
 def stumpff(y):
     """Return Stumpff's functions c2(y) and c3(y) and their derivatives."""
-    c4, c5 = C4[-1] * y + C4[-2], C5[-1] * y + C5[-2]
-    for a, b in zip(C4[-3::-1], C5[-3::-1], strict=True):
-        c4, c5 = c4 * y + a, c5 * y + b
+    both, square = jnp.asarray(SERIES[-1], y.dtype), y[..., None]
+    for row in SERIES[-2::-1]:
+        both = both * square + jnp.asarray(row, y.dtype)
+    c4, c5 = both[..., 0], both[..., 1]
     c3 = 1.0 / 6.0 - y * c5
     return 0.5 - y * c4, c3, c4 - 0.5 * c3, 1.5 * c5 - 0.5 * c4
 
@@ -137,7 +137,8 @@ def pose(c, x):
     z = R[:, :, 2]
     step = (stretch * c["length"])[:, None] * z
     r = jnp.concatenate([jnp.zeros((1, 3), x.dtype), jnp.cumsum(step, axis=0)])
-    posed = dict(R=R, P=P, S=S, z=z, r=r[:-1], end=r[1:], stretch=stretch, a=a, b=b, series=series)
+    posed = {"R": R, "P": P, "S": S, "z": z, "r": r[:-1], "end": r[1:], "stretch": stretch, "a": a, "b": b,
+             "series": series}  # fmt: skip
     return posed | jacobians(c, posed)
 
 
@@ -248,7 +249,8 @@ def bending(c, q):
     more = nonlinear_torque(c["hardening"], m) / m
     steeper = nonlinear_slope(c["hardening"], m) - more
     u, w = a / m, ratio * b / m
-    K, (Ka, Kb, Kc) = c["K"][:TURNED], (c["K"][0 : 2 * LINKS : 2], c["K"][1 : 2 * LINKS : 2], c["K"][2 * LINKS : TURNED])
+    K = c["K"][:TURNED]
+    Ka, Kb, Kc = K[0 : 2 * LINKS : 2], K[1 : 2 * LINKS : 2], K[2 * LINKS :]
     torque = K * q[:TURNED] + each_coordinate(more * a, more * ratio * b, 0.0 * twist)
     diagonal = K + each_coordinate(more + steeper * u * u, more * ratio + steeper * w * w, 0.0 * twist)
     mixed = each_coordinate(steeper * u * w, steeper * u * w, 0.0 * twist)

@@ -22,3 +22,9 @@ RUBS = False  # whether tendons have friction
 POINT_LINK = np.zeros(1, dtype=int)  # link of each observed point; -1: the part before the first joint
 POINT = np.zeros((1, 3))  # m: along, across and aside of each observed point
 START = np.zeros(5)  # coordinates in equilibrium without inputs
+parameters = {"stiffness": np.ones(LINKS)}
+MEAN = np.zeros(1)  # fitted values, and their bounds
+LOWER = np.zeros(1)
+UPPER = np.ones(1)
+FACTOR = np.eye(1)  # FACTOR FACTOR^T is their covariance
+SLOPES = {"stiffness": np.ones((1, LINKS))}  # derivatives of `parameters` by the fitted values

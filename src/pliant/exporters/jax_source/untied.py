@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from pliant.exporters.jax_source.numerics import factors, solved
+from pliant.exporters.jax_source.numerics import solver
 from pliant.exporters.jax_source.plane import from_joint_matrix, from_joints, inertial_forces
 
 
 def changed(c, begun, K, net):
     """Return the change of the rates (N,) over a step with stiffness K and net torques of the joints, and True."""
-    columns, push = factors(begun.A + from_joint_matrix(c, K)), from_joints(c, net)
-    change = solved(columns, begun.h * (push - begun.first))
-    change = solved(columns, begun.h * (push - inertial_forces(c, begun.posed, begun.v + 0.5 * change)))
+    solve, push = solver(begun.A + from_joint_matrix(c, K)), from_joints(c, net)
+    change = solve(begun.h * (push - begun.first))
+    change = solve(begun.h * (push - inertial_forces(c, begun.posed, begun.v + 0.5 * change)))
     return change, jnp.array(True)
 
 
