@@ -1,9 +1,9 @@
 """Hysteresis of joints and segments: creep, slip elements and Bouc-Wen, linear in the middle of a step.
 
 A block of k joints has d coordinates each: one, or the two of a swing in space, which slip together. Arrays of a block
-are (k, d) and its states (k, d, branches). The hysteresis torque over K is offset + slope q in the middle of a step. Which
-elements slip depends on the motion of the step, which is the root of an equation. `forgetful` has functions of the
-same names for joints without hysteresis.
+are (k, d) and its states (k, d, branches). The hysteresis torque over K is offset + slope q in the middle of a step.
+Which elements slip depends on the motion of the step, which is the root of an equation. `forgetful` has functions of
+the same names for joints without hysteresis.
 """
 
 from __future__ import annotations
