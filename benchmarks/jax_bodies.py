@@ -2,9 +2,9 @@
 
 python benchmarks/jax_bodies.py [--bodies 1000 10000] [--steps 100] [--float 32 64] [--bandwidth 3.35e12]
 
-Bodies: 5 links in a plane; 5 links in space with creep, slip and Bouc-Wen. `--bandwidth` [B/s] of the device's memory adds
-the least time that reading and writing the states takes, as a fraction. The last column is the largest difference of
-the coordinates from those on the CPU.
+Bodies: 5 links in a plane; 5 links in space with creep, slip and Bouc-Wen. With the `--bandwidth` [B/s] of the device's
+memory, a column shows the fraction of it that reading and writing the states takes. The last column is the largest
+difference of the coordinates from those on the CPU.
 """
 
 from __future__ import annotations
@@ -98,7 +98,8 @@ def main(given: argparse.Namespace) -> None:
                 if device.platform != "cpu" and bodies == min(given.bodies):
                     *_, same, _ = run(arm, bodies, given.steps, kind, cpu)
                     off = f"{np.abs(position - same).max():.1e}"
-                print(f"{name:8s}  {bits:5d}  {bodies:7d}  {compiling:9.1f}  {rate:8.3g}  {share:>12s}  {off}", flush=True)
+                numbers = f"{bits:5d}  {bodies:7d}  {compiling:9.1f}  {rate:8.3g}  {share:>12s}  {off}"
+                print(f"{name:8s}  {numbers}", flush=True)
 
 
 if __name__ == "__main__":

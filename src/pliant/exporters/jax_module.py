@@ -201,7 +201,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax"""
-MODULE_DOCSTRING = '''"""An actuator in JAX: rest, step, rollout and observe, functions of `parameters`, states and inputs.
+MODULE_DOCSTRING = '''"""An actuator in JAX: rest, step, rollout and observe, functions of `parameters` and states.
 
 Precision is that of the parameters: call jax.config.update("jax_enable_x64", True) before the first use for 64 bit.
 """'''

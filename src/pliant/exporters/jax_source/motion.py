@@ -30,8 +30,8 @@ from pliant.exporters.jax_source.untied import rest_pull
 PARTS, MOVES = 8, 40  # parts in which the inputs of `rest` grow, and moves of Newton's method in each
 
 
-class State(NamedTuple):
-    """State of the actuator. All entries are arrays of the precision of the parameters."""
+class BodyState(NamedTuple):
+    """BodyState of the actuator. All entries are arrays of the precision of the parameters."""
 
     position: jnp.ndarray  # (N,) coordinates: rad, strains 1
     velocity: jnp.ndarray  # (N,) their rates, 1/s
@@ -48,7 +48,7 @@ def arrays(parameters):
 
 
 def rest(parameters, inputs):
-    """Return the `State` in equilibrium under constant `inputs` (C,).
+    """Return the `BodyState` in equilibrium under constant `inputs` (C,).
 
     Newton's method from the equilibrium of the exported model without inputs, while the inputs grow to their values.
     `failed` is 1 where no stable equilibrium is found. Derivatives are those of the implicit function theorem.
@@ -75,7 +75,7 @@ def rest(parameters, inputs):
     good &= jnp.linalg.eigvalsh(0.5 * (K + K.T))[0] > 0.0
     _, slow = rest_torques(c, inputs)
     memory = relaxed(c, q, jnp.zeros((REMEMBERING, COLUMNS), x.dtype))
-    return State(x, 0.0 * x, memory, inputs, slow, jnp.where(good, 0.0, 1.0).astype(x.dtype))
+    return BodyState(x, 0.0 * x, memory, inputs, slow, jnp.where(good, 0.0, 1.0).astype(x.dtype))
 
 
 def from_joint_slope(c, slope):
@@ -100,7 +100,7 @@ def settled(net, q):
 
 
 def step(parameters, state, inputs, dt):
-    """Return the `State` after one time step of `dt` [s] under constant commands `inputs` (C,).
+    """Return the `BodyState` after one time step of `dt` [s] under constant commands `inputs` (C,).
 
     The linearly implicit midpoint rule of pliant. A step in which a rate is too high for `dt`, a spring loses its
     stiffness or an iteration does not converge adds 1 to `failed`.
@@ -109,14 +109,14 @@ def step(parameters, state, inputs, dt):
 
 
 def rollout(parameters, state, inputs, dt):
-    """Return the last `State`, and the states after each of T steps of `dt` [s] under commands `inputs` (T, C)."""
+    """Return the last `BodyState`, and the states after each of T steps of `dt` [s] under commands `inputs` (T, C)."""
     c = constants(arrays(parameters))
 
     def one(state, command):
         after = advance(c, state, command, dt)
         return after, after
 
-    first = State(*(jnp.asarray(part, c["K"].dtype) for part in state))
+    first = BodyState(*(jnp.asarray(part, c["K"].dtype) for part in state))
     return lax.scan(one, first, jnp.asarray(inputs, c["K"].dtype))
 
 
@@ -135,4 +135,4 @@ def advance(c, state, command, dt):
     change, memory, solved_it = solved_step(c, begin(c, x, v, torque @ c["joint_gain"], h), memory)
     x, v = x + h * (v + 0.5 * change), v + change
     good = solved_it & holds(c, x, v, h)
-    return State(x, v, memory, interval[2], slow, failed + jnp.where(good, 0.0, 1.0).astype(x.dtype))
+    return BodyState(x, v, memory, interval[2], slow, failed + jnp.where(good, 0.0, 1.0).astype(x.dtype))
