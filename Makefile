@@ -41,7 +41,7 @@ $(BIN)/python:
 $(VENV)/.run: $(BIN)/python pyproject.toml constraints.txt
 	$(PIP) -e . && touch $@
 $(VENV)/.dev: $(BIN)/python pyproject.toml constraints.txt
-	$(PIP) -e '.[dev,mpc,zmq,scale,browser,export,gym,view,camera,tdms,ros,lerobot]' && touch $@ $(VENV)/.run
+	$(PIP) -e '.[dev,mpc,zmq,scale,browser,export,jax,gym,view,camera,tdms,ros,lerobot]' && touch $@ $(VENV)/.run
 $(VENV)/.docs: $(VENV)/.run
 	$(PIP) -e '.[docs]' && touch $@
 $(VENV)/.bench: $(VENV)/.dev

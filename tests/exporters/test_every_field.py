@@ -132,6 +132,8 @@ def content(model: Model, target: str, folder: Path) -> str:
         elif path.suffix == ".fmu":
             with zipfile.ZipFile(path) as archive:
                 text += code_of(archive.read("sources/all.c").decode()).partition("strcmp")[0]
+        elif path.suffix == ".py":
+            text += "\n".join(row for row in path.read_text().splitlines() if not row.startswith("#"))
         else:
             text += code_of(path.read_text())
     return text

@@ -149,8 +149,8 @@ def check_choices(variables: Sequence[str], device: str, failures: str, known: M
     if failures not in ("raise", "mark"):
         raise InputError(f"failures must be 'raise' or 'mark', got {failures!r}")
     if device == "gpu":
-        raise InputError("batches on a GPU were removed from pliant: use device='cpu', which runs on all cores, or a "
-                         "sweep on a cluster")
+        raise InputError("batches on a GPU were removed from pliant: use device='cpu', which runs on all cores, a "
+                         "sweep on a cluster, or a JAX module of the model (pliant export MODEL --to jax -o arm.py)")
     if device != "cpu":
         raise InputError(f"device must be 'cpu', got {device!r}")
 

@@ -13,7 +13,7 @@ from pliant.errors import InputError
 
 def export(
     model: Annotated[Path, typer.Argument(help="Model file, or the folder of a run; mcap and lerobot need a folder.")],
-    to: Annotated[str, typer.Option("--to", help="mjcf, c99, fmu, state-space, urdf; for a run: mcap, lerobot.")],
+    to: Annotated[str, typer.Option("--to", help="mjcf, c99, fmu, state-space, urdf, jax; for a run: mcap, lerobot.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write, with the suffix of the format.")],
     approximate: Annotated[
         bool, typer.Option("--approximate", help="Omit features that the format cannot express, and state the error.")
@@ -27,7 +27,7 @@ def export(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
 ) -> None:
-    """Write a model for MuJoCo, C, an FMU, state space or URDF, or measured and modelled motion for MCAP or LeRobot.
+    """Write a model for MuJoCo, C, an FMU, state space, URDF or JAX, or the motion of a run for MCAP or LeRobot.
 
     With the folder of a run, --set fit=NAME selects one of its fits; default: the first. MCAP files open in Foxglove
     and Rerun. A LeRobot data set is a folder. Both also accept --set records=A,B; LeRobot accepts --set fps=30.
@@ -63,12 +63,16 @@ def model_written(
     """
     from pliant.exporters import export
     from pliant.exporters.provenance import standard_errors
+    from pliant.exporters.randomisation import uncertainty_within
+    from pliant.exporters.registry import exporter_of
     from pliant.validation.sides import fit_named
     from pliant.validation.store import load_outcome
 
+    draws = exporter_of(target).draws
     if not model.is_dir():
-        errors = standard_errors(fit) if fit else None
-        return export(model, target, output, approximate=approximate, standard_errors=errors, **options)
+        errors, known = standard_errors(fit) if fit else None, uncertainty_within(model, fit) if draws and fit else None
+        return export(model, target, output, approximate=approximate, standard_errors=errors, uncertainty=known,
+                      **options)  # fmt: skip
     if fit:
         raise InputError("--fit belongs to a model file, and this is the folder of a run, from which the standard "
                          "errors of the exported fit are written anyway: remove --fit")
@@ -76,8 +80,9 @@ def model_written(
     result = fit_named(outcome.fits, name).result
     errors = {p.name: p.std for p in result.parameters if p.std is not None}
     origin = (str(model), *(("--set", f"fit={name}") if name else ()))
+    known = uncertainty_within(result.model, result) if draws else None
     return export(result.model.with_(name=outcome.name), target, output, approximate=approximate,
-                  standard_errors=errors, origin=origin, **options)  # fmt: skip
+                  standard_errors=errors, uncertainty=known, origin=origin, **options)  # fmt: skip
 
 
 def results_written(folder: Path, target: str, output: Path, options: dict[str, str]) -> Any:

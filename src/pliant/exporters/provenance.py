@@ -7,7 +7,9 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from pliant.errors import InputError
 from pliant.exporters.difference import Difference
@@ -19,6 +21,14 @@ from pliant.version import __version__
 
 FRAME = "base at the origin, its tangent along +y, the body in the x-y plane; positive angles bend towards -x"
 SPACE_FRAME = "base at the origin, its tangent along +z"
+
+
+class Uncertainty(NamedTuple):
+    """Fitted parameter values with their covariance matrix, in SI units."""
+
+    names: tuple[str, ...]
+    mean: np.ndarray  # (P,)
+    covariance: np.ndarray  # (P, P)
 
 
 @dataclass(frozen=True)
@@ -35,6 +45,7 @@ class Provenance:
     std: Mapping[str, float] = field(default_factory=dict)  # standard errors by the names of a fit
     notes: tuple[str, ...] = ()
     messages: list[str] = field(default_factory=list)  # added by the writer of the target
+    uncertainty: Uncertainty | None = None  # of the fit that the model comes from
 
     def to_dict(self) -> dict[str, Any]:
         """Return the origin of an exported model as a dict of plain values."""

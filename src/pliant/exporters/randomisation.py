@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
-from pliant.exporters.provenance import first_fit
+from pliant.exporters.provenance import Uncertainty, first_fit
 from pliant.identification import FitResult
 from pliant.identification.parameters import apply, kind_of
 from pliant.model import Model
@@ -20,14 +20,6 @@ Array = np.ndarray
 Fit = FitResult | str | Path | Mapping[str, float]
 FIELDS = ("stiffness", "damping", "link_mass", "tip_mass", "rest_angle")
 TRIES = 50  # consecutive draws without a valid model, after which drawing fails
-
-
-class Uncertainty(NamedTuple):
-    """Fitted parameter values with their covariance matrix, in SI units."""
-
-    names: tuple[str, ...]
-    mean: Array  # (P,)
-    covariance: Array  # (P, P)
 
 
 def draw_models(
@@ -118,6 +110,12 @@ def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
         raise InputError(
             f"parameters and covariance of the fit {fit} do not match: run the study again to write a new metrics.json"
         ) from None
+
+
+def uncertainty_within(model: Model | str | Path, fit: FitResult | str | Path) -> Uncertainty | None:
+    """Return the fitted parameters of the actuator and their covariance, or None if the fit has no free parameter."""
+    content = fit.to_dict() if isinstance(fit, FitResult) else first_fit(fit)
+    return None if content.get("covariance") is None else uncertainty_of(model_of(model), fit)
 
 
 def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[str, Any]) -> Uncertainty:

@@ -16,7 +16,7 @@ from pliant.exporters.control_range import stated_levels
 from pliant.exporters.difference import Difference, difference
 from pliant.exporters.features import without
 from pliant.exporters.names import changed_names, with_identifiers
-from pliant.exporters.provenance import Provenance, command_of
+from pliant.exporters.provenance import Provenance, Uncertainty, command_of
 from pliant.model import Model
 from pliant.model.features import missing, named
 from pliant.model.file import model_of
@@ -31,6 +31,7 @@ BUILT_IN = {
     "fmu": "pliant.exporters.fmu:EXPORTER",
     "state-space": "pliant.exporters.state_space:EXPORTER",
     "urdf": "pliant.exporters.urdf:EXPORTER",
+    "jax": "pliant.exporters.jax_module:EXPORTER",
 }
 
 
@@ -58,6 +59,8 @@ class Exporter:
     moves : bool
         Whether the exported model moves under pressure, so that omitted features show in a difference of motion. If
         not, an approximate export is not possible.
+    draws : bool
+        Whether the target writes random parameters by the covariance of a fit.
     """
 
     name: str
@@ -68,6 +71,7 @@ class Exporter:
     options: Mapping[str, Any] = field(default_factory=dict)
     by_nature: Mapping[str, str] = field(default_factory=dict)
     moves: bool = True
+    draws: bool = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,17 +124,18 @@ def export(
     *,
     approximate: bool = False,
     standard_errors: Mapping[str, float] | None = None,
+    uncertainty: Uncertainty | None = None,
     origin: Sequence[str] = (),
     **options: Any,
 ) -> Exported:
-    """Export a model to another tool: MuJoCo, C, an FMU, state space or URDF.
+    """Export a model to another tool: MuJoCo, C, an FMU, state space, URDF or JAX.
 
     Parameters
     ----------
     model : Model, str or Path
         A model, or the path of a model file. Exported numbers are in SI units, pressures in Pa gauge.
     target : str
-        One of `pliant.exporters.exporters()`: ``mjcf``, ``c99``, ``fmu``, ``state-space``, ``urdf``.
+        One of `pliant.exporters.exporters()`: ``mjcf``, ``c99``, ``fmu``, ``state-space``, ``urdf``, ``jax``.
     path : str or Path
         File to write, with a file extension of the target.
     approximate : bool
@@ -139,6 +144,9 @@ def export(
         names these features.
     standard_errors : mapping
         Standard errors by parameter name (SI), to be written into the exported file.
+    uncertainty : Uncertainty
+        Covariance of the fit, by `pliant.exporters.randomisation.uncertainty_of`, from which a target with `draws`
+        writes random parameters.
     origin : sequence of str
         Words that name the model in the command that the exported file states. Default: the path of the model file.
     **options
@@ -186,7 +194,7 @@ def export(
     highest = stated_levels(target, "highest", chosen["highest"], loaded) if "highest" in chosen else None
     provenance = Provenance(
         loaded, target, command, named(loaded, lost), difference(loaded, reduced, highest) if lost else None,
-        dict(standard_errors or {}), notes,
+        dict(standard_errors or {}), notes, uncertainty=uncertainty,
     )
     files = exporter.write(with_identifiers(reduced), provenance, path, chosen)
     return Exported(target, files, provenance.left_out, provenance.difference, (*notes, *provenance.messages))

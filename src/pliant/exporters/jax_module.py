@@ -1,0 +1,215 @@
+"""Export of a model as a Python module for JAX: one file that imports jax and numpy alone.
+
+The functions are those of the files of `jax_source`, joined. The constants of `jax_source.structure` are the model's.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pliant.compiler.trace import CURVED
+from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
+from pliant.errors import InputError
+from pliant.exporters.c_functions import DERIVED, UNIT, parameters
+from pliant.exporters.provenance import Provenance, Uncertainty
+from pliant.exporters.registry import Exporter
+from pliant.files import write_text
+from pliant.identification.parameters import apply, kind_of
+from pliant.mechanics import mechanics_of
+from pliant.model import Chamber, Model
+from pliant.model.extensible import tied_joints
+from pliant.model.features import ALL, FIRST_ORDER, VALVES
+from pliant.model.parts import declared
+from pliant.simulation import state
+
+Array = np.ndarray
+FOLDER = "pliant.exporters.jax_source"
+CAN = (ALL - VALVES) | FIRST_ORDER
+VALVE = ("rise_time", "fall_time", "rise_rate", "fall_rate")
+RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time", "inflation_jm")
+BOUCWEN = tuple(f"boucwen_{name}" for name in ("share", "beta", "gamma", "exponent"))
+FIXED = ("tied", "dead_time", "boucwen", "valve", "rubber")  # written in another form, or part of the structure
+FAR = 1e300  # in place of an infinite bound
+LEAST_WITHIN, STEP = 0.1, 1e-3  # fraction of draws within bounds; step of a derivative over the standard error
+FORM = 5  # column of a chamber's constants that holds the number of its torque law
+
+
+def exported_parameters(model: Model) -> dict[str, Array]:
+    """Return the parameters of the exported module as {name: array}, in SI units."""
+    values = parameters(model)
+    plain = {k: v for k, v in values.items() if k not in DERIVED and k not in FIXED}
+    columns = dict(zip(VALVE, values["valve"].T, strict=True))
+    if any(c.swell_share or c.inflation_limit for c in model.chambers):
+        columns |= dict(zip(RUBBER, values["rubber"].T, strict=True))
+    if model.memory.boucwen_share:
+        columns |= dict(zip(BOUCWEN, values["boucwen"], strict=True))
+    return {k: np.array(v, dtype=float) for k, v in (plain | columns).items()}
+
+
+def units(model: Model) -> dict[str, str]:
+    """Return the unit of each parameter of the exported module; those that depend on the input name it."""
+    known = UNIT | {d.name: d.quantity.unit for d in declared()} | {"tendon_stiffness": "N/m", "beyond": "1"}
+    inputs = ", ".join(dict.fromkeys(model.actuation.units))
+    own = {name: f"{inputs.replace(', ', '/s, ')}/s" for name in ("rise_rate", "fall_rate")}
+    own |= {"torque": f"N m, or N of a tendon, over powers of {inputs}", "joint_gain": "1, or m of a strain"}
+    return {name: own.get(name, known.get(name, "1")) for name in exported_parameters(model)}
+
+
+def structure(model: Model) -> dict[str, str]:
+    """Return the constants of `jax_source.structure` for a model, as Python expressions by their names."""
+    chain, memory = mechanics_of(model), model.memory
+    remembering, columns = state.relaxed(model, np.zeros(model.size)).shape if memory else (0, 0)
+    counts = len(memory.creep_share), len(memory.slip_share), int(memory.boucwen_share > 0)
+    axial = len(memory.axial_creep_share), len(memory.axial_slip_share)
+    curved = bool(chain.axial_laws & CURVED)
+    points = [(p.along, p.across, p.aside) for p in model.points]
+    return {
+        "LINKS": repr(model.n), "SEGMENTS": repr(len(model.extensions)),
+        "TURNS": repr(model.space.turns if model.space else 1), "ROD": repr(model.mass_at == "rod"),
+        "SPRING_TERMS": repr(tuple(SPRING_TERMS)), "SPRING_BOUND": repr(SPRING_BOUND), "CURVED": repr(curved),
+        "TIED": table(tied_joints(model) if curved else np.zeros((model.n, 0))), "BRANCHES": repr(counts),
+        "AXIAL_BRANCHES": repr(axial), "REMEMBERING": repr(remembering), "COLUMNS": repr(columns),
+        "CHAMBERS": repr(chamber_kinds(model.chambers)),
+        "LIMITED": f"np.array({[bool(c.valve.rise_rate or c.valve.fall_rate) for c in model.chambers]})",
+        "RUBS": repr(bool(model.actuation.tendon_constants[2].any())),
+        "POINT_LINK": f"np.array({[int(p.link) for p in model.points]}, dtype=int)",
+        "POINT": table(np.array(points, dtype=float).reshape(-1, 3)),
+        "START": table(state.equilibrium(model, np.zeros(model.actuation.count))),
+    }
+
+
+def posterior(model: Model, known: Uncertainty | None) -> dict[str, str]:
+    """Return the constants of `jax_source.posterior` as Python expressions by their names; {} without a covariance.
+
+    Raises
+    ------
+    InputError
+        When less than one in ten random draws lies within the bounds of the fit.
+    """
+    if known is None or not known.names:
+        return {}
+    kinds = [kind_of(name) for name in known.names]
+    lower, upper = (np.clip([getattr(kind, end) for kind in kinds], -FAR, FAR) for end in ("lower", "upper"))
+    size = np.sqrt(np.diag(known.covariance))
+    scale = np.where(size > 0, size, 1.0)
+    value, turn = np.linalg.eigh(known.covariance / np.outer(scale, scale))
+    factor = scale[:, None] * turn * np.sqrt(np.maximum(value, 0.0))
+    tried = known.mean + np.random.default_rng(0).standard_normal((2000, scale.size)) @ factor.T
+    within = float(np.mean(((tried >= lower) & (tried <= upper)).all(axis=1)))
+    if within < LEAST_WITHIN:
+        raise InputError(f"{100 * within:.1f} % of the draws from the fit's covariance lie within the bounds of its "
+                         "parameters, which are too uncertain: fit to more recordings or with fewer free parameters, "
+                         "or export without the fit")  # fmt: skip
+    slopes = parameter_slopes(model, known, STEP * scale)
+    rows = [f"    {k!r}: {table(v)}," for k, v in slopes.items()]
+    arrays = {"MEAN": known.mean, "LOWER": lower, "UPPER": upper, "FACTOR": factor}
+    return {k: table(v) for k, v in arrays.items()} | {"SLOPES": "\n".join(["{", *rows, "}"])}
+
+
+def parameter_slopes(model: Model, known: Uncertainty, steps: Array) -> dict[str, Array]:
+    """Return the derivatives (P, ...) of those exported parameters that change with the P fitted values."""
+    base, rows = exported_parameters(model), {name: [] for name in exported_parameters(model)}  # type: ignore[var-annotated]
+    for k, h in enumerate(steps):
+        ends = []
+        for sign in (-1.0, 1.0):
+            moved = known.mean + sign * h * np.eye(steps.size)[k]
+            values = dict(zip(known.names, moved.tolist(), strict=True))
+            try:
+                ends.append((sign, exported_parameters(apply(model, values))))
+            except InputError:  # at a physical limit: the other side alone
+                ends.append((0.0, base))
+        (first, low), (last, high) = ends
+        for name, own in rows.items():
+            own.append((high[name] - low[name]) / (h * max(last - first, 1.0)))
+    return {name: np.array(own) for name, own in rows.items() if np.any(own)}
+
+
+def table(values: Array) -> str:
+    """Return a Python expression of an array, with all digits."""
+    return f"np.array({values.tolist()!r}, dtype=float).reshape({values.shape!r})"
+
+
+def chamber_kinds(chambers: tuple[Chamber, ...]) -> tuple[Any, ...]:
+    """Return the inputs grouped by the kind of their torque: indices, law, lag, inflation and Gent's wall."""
+    kinds: dict[tuple[Any, ...], list[int]] = {}
+    for i, c in enumerate(chambers):
+        kind = int(c.kernel()[1 + FORM]), bool(c.swell_share), bool(c.inflation_limit), bool(c.inflation_jm)
+        kinds.setdefault(kind, []).append(i)
+    return tuple((tuple(rows), *kind) for kind, rows in kinds.items())
+
+
+def sources(model: Model) -> list[str]:
+    """Return the files of `jax_source` that a model needs, in the order in which they are joined."""
+    body = "space" if model.space else "plane"
+    cords, past = "tendons" if model.actuation.tendons else "untied", "hysteresis" if model.memory else "forgetful"
+    return ["structure", "numerics", "springs", body, "inputs", "beginning", cords, past, "motion"]
+
+
+def stripped(name: str) -> str:
+    """Return the text of a file of `jax_source` without its docstring and imports."""
+    text = (files(FOLDER) / f"{name}.py").read_text(encoding="utf-8")
+    rows = text.splitlines()
+    for node in reversed(ast.parse(text).body):
+        docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        if docstring or isinstance(node, ast.Import | ast.ImportFrom):
+            del rows[node.lineno - 1 : node.end_lineno]
+    return "\n".join(rows).strip()
+
+
+def with_values(text: str, values: Mapping[str, str]) -> str:
+    """Return the text of `structure` with the values of a model in place of its own."""
+    rows: list[str | None] = list(text.splitlines())
+    for node in ast.parse(text).body:
+        target = node.targets[0] if isinstance(node, ast.Assign) else None
+        if isinstance(target, ast.Name):
+            _, mark, comment = str(rows[node.lineno - 1]).partition("  # ")
+            own = f"{target.id} = {values[target.id]}{mark}{comment}" if target.id in values else None
+            rows[node.lineno - 1] = own
+    return "\n".join(row for row in rows if row is not None)
+
+
+def code(model: Model, provenance: Provenance) -> str:
+    """Return the text of the exported module."""
+    names = {
+        "inputs": tuple(model.actuation.names), "input_units": tuple(model.actuation.units),
+        "stations": tuple(p.name for p in model.points), "coordinates_of": tuple(mechanics_of(model).names),
+        "memory_of": model.memory.labels,
+    }
+    head = ["# " + line for line in provenance.lines("line")]
+    held = [f"    {k!r}: {table(v)}," for k, v in exported_parameters(model).items()]
+    own = [f"    {k!r}: {v!r}," for k, v in units(model).items()]
+    drawn = posterior(model, provenance.uncertainty)
+    parts = [
+        "\n".join(head), MODULE_DOCSTRING, IMPORTS, with_values(stripped("structure"), structure(model)),
+        "\n".join(["parameters = {  # of the model, in SI units: a pytree", *held, "}"]),
+        "\n".join(["units = {", *own, "}"]), "\n".join(f"{k} = {v!r}" for k, v in names.items()),
+        *(stripped(name) for name in sources(model)[1:]),
+        *(["\n".join(f"{k} = {v}" for k, v in drawn.items()), stripped("posterior")] if drawn else []),
+    ]
+    return "\n\n\n".join(parts) + "\n"
+
+
+IMPORTS = """from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax"""
+MODULE_DOCSTRING = '''"""An actuator in JAX: rest, step, rollout and observe, functions of `parameters` and states.
+
+Precision is that of the parameters: call jax.config.update("jax_enable_x64", True) before the first use for 64 bit.
+"""'''
+
+
+def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:  # noqa: ARG001
+    """Write a model as a module for JAX to `path`, and return the path."""
+    return (write_text(path, code(model, provenance)),)
+
+
+EXPORTER = Exporter("jax", "JAX: one Python module with gradients, for CPU and GPU", (".py",), CAN, write, draws=True)
