@@ -32,7 +32,7 @@ def step_ns(compiled, n: int) -> tuple[float, np.ndarray]:
     march = rebuild(march_loops.march, njit(**{**options(march_loops.march), "cache": False}), {"step": compiled})
     keep = np.append(np.full(CALLS - 1, -1), 0)
     torque, gain, load = np.full((CALLS, 1), TORQUE), np.ones((1, n)), np.zeros((0, n, 2))
-    steps = march_loops.Steps(np.full(CALLS, STEP), torque, gain, keep, load)
+    steps = march_loops.Steps(np.full(CALLS, STEP), torque, gain, keep, load, np.zeros((0, 5)))
     rows = march_loops.rows_for(1, n, (n, 0), 2)
 
     def run():

@@ -118,6 +118,9 @@ FEATURES: dict[str, Feature] = {
         "hysteresis of segments that lengthen", lambda m: m.memory.has_axial,
         *(f"Memory.{name}" for name in AXIAL_BRANCHES), name="hysteresis of segments",
     ),
+    "base_motion": of_model(
+        "prescribed motion of the base", lambda m: m.moving_base, "Model.moving_base", name="moving base",
+    ),
     "gravity": of_model("gravity", lambda m: m.gravity.any(), "Model.gravity"),
     "softening": of_model(
         "springs that soften or stiffen", soft, "Model.stiffening", "Model.cubic_stiffening", name="softening springs",
@@ -218,7 +221,10 @@ HYSTERESIS = frozenset({"creep", "slip", "boucwen"})
 LENGTHENS = frozenset({"lengthening", "curved_segments", "tied_segments", "axial_memory"})
 IN_SPACE = frozenset({"space", "twist", "soft_swing", "space_memory", "space_lengthening"})
 TENDONS = frozenset({"tendons", "tendon_friction", "pair_pretension"})
-ALL = SPRINGS | LAWS | WALLS | VALVES | HYSTERESIS | LENGTHENS | IN_SPACE | TENDONS  # what `simulate` computes
+MOVING = frozenset({"base_motion"})
+RESTING = SPRINGS | LAWS | WALLS | VALVES | HYSTERESIS | LENGTHENS | IN_SPACE | TENDONS  # of a body with a base at rest
+ALL = RESTING | MOVING  # what `simulate` computes
+REMEDY = {"base_motion": "use simulate or a fit, or set moving_base to false for a body whose base rests"}
 
 
 @dataclass(frozen=True)
@@ -259,7 +265,8 @@ class Consumer:
     def refusal(self, model: Model, keys: tuple[str, ...]) -> str:
         """Return the message for the features `keys` of a model that this consumer refuses."""
         parts = ", ".join(with_field(key, model) for key in keys)
-        advice = dict.fromkeys(self.remedy.get(key, "use simulate, or a model without it") for key in keys)
+        advice = dict.fromkeys(self.remedy.get(key) or REMEDY.get(key, "use simulate, or a model without it")
+                               for key in keys)  # fmt: skip
         return f"{self.name} does not support {parts}, which model {model.name!r} has: {'; '.join(advice)}"
 
 
@@ -269,7 +276,7 @@ def with_field(key: str, model: Model) -> str:
     """
     owner, _, name = FEATURES[key].fields[0].partition(".")
     parts = listed(named(model, (key,)))
-    return f"{parts} ({name})" if owner in ("Valve", "Chamber", "Memory") else parts
+    return f"{parts} ({name})" if owner in ("Valve", "Chamber", "Memory") or name == "moving_base" else parts
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:

@@ -68,6 +68,9 @@ class Model(ModelParameters):
         Length [m] of the rigid part between the origin and the first joint, and its angle from +y [rad].
     gravity : array (2,)
         Gravity in the base frame, m/s^2; (3,) in space.
+    moving_base : bool
+        Whether the base moves in a prescribed way, so that its motion is an input of the model; see
+        `pliant.simulation.BaseMotion`. Functions that need a base at rest refuse such a model.
     memory : Memory
         Hysteresis of the joints: creep, friction and Bouc-Wen; none by default.
     extensions : tuple of Extension

@@ -65,6 +65,7 @@ class ModelParameters(Shown):
         "rad", "angle of the base tangent from +y", most=1e3, lower=-1.0, upper=1.0, scale=0.05, guess=0.0)] = 0.0
     gravity: Annotated[Array, Quantity(
         "m/s^2", "gravity in the base frame", per="vector", most=1e4, fitted=False)] = NONE
+    moving_base: bool = False
     memory: Memory = field(default_factory=Memory)
     extensions: tuple[Extension, ...] = ()
     space: Space | None = None

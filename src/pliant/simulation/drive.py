@@ -49,11 +49,12 @@ class Drive(NamedTuple):
     stretch: Array | None = None  # (rows, C) hoop stretch at the output times, if a chamber inflates
     load: Array = np.zeros((0, 0, 2))  # (steps, n, 2) N m, mean loads of the links over each step; no rows: no forces
     layout: Layout | None = None  # of the steps
+    base: Array = np.zeros((0, 5))  # (steps, 5), in space (steps, 6), motion of the base, see `equations.base`
 
     @property
     def steps(self) -> Steps:
-        """The arguments of the compiled time-stepping loop: step lengths, torques, output rows and loads."""
-        return Steps(self.h, self.torque, self.gain, self.keep, self.load)
+        """The arguments of the compiled time-stepping loop: step lengths, torques, output rows, loads and base."""
+        return Steps(self.h, self.torque, self.gain, self.keep, self.load, self.base)
 
     @property
     def joint_torque(self) -> Array:
