@@ -36,7 +36,7 @@ def compared(model, motion, q0):
 
     times = np.linspace(0.0, 0.5, 101)
     expected = OnMovingBase(model, motion).run(times, q0)
-    run = simulate(model, NOTHING, times=times, time_step=5e-4, base=motion)
+    run = simulate(model, NOTHING, times=times, time_step=2.5e-4, base=motion)
     names = ("joint_angle", "joint_rate") if motion.dimension == 2 else ("joint_angle_{}", "joint_rate_{}")
     found = [run[names[k]].values if motion.dimension == 2 else
              np.stack([run[names[k].format(a)].values for a in "xy"], axis=-1).reshape(101, -1) for k in (0, 1)]

@@ -293,8 +293,8 @@ def with_loads(
     if (not exp.forces and exp.base is None) or not numbers.h.size:
         return numbers
     nodes = first + np.append(0.0, np.cumsum(numbers.h))
-    loads = loads_and_base(model, exp.forces, exp.base, nodes, latency)
-    return numbers._replace(**loads, load_before=numbers.load_before if before is None else before)
+    load, base = loads_and_base(model, exp.forces, exp.base, nodes, latency)
+    return numbers._replace(load=load, base=base, load_before=numbers.load_before if before is None else before)
 
 
 def observed_points(model_at: ModelAt, exp: Experiment) -> list[Station]:

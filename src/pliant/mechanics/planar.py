@@ -31,7 +31,7 @@ from pliant.mechanics import springs
 from pliant.mechanics.contract import Mechanics
 from pliant.mechanics.frames import LinkFrames, link_coordinates
 from pliant.mechanics.lengths import check_lengths
-from pliant.mechanics.reaction import BaseTwist, planar_reaction
+from pliant.mechanics.reaction import BaseTwist, planar_reaction, point_carried
 from pliant.mechanics.records import CoordinateKind, Energy
 from pliant.mechanics.rest import loaded_rest
 from pliant.model import Station, fixed_length
@@ -323,18 +323,11 @@ class PlanarChain(Mechanics):
             total += np.concatenate([along, across], axis=-1) if self.segments else along + across
         return total
 
-    @property
-    def carried_arm(self) -> Array:
-        """Position (2,) [m] of the point of the base whose acceleration acts on the links as weight does: the first
-        joint, or the origin if the part before it may lengthen.
-        """
-        return self.model.first_joint * (self.segments == 0)
-
     def with_own_base(self) -> PlanarChain:
         return self.with_constants(self.body, self.joints._replace(spin=np.zeros(2)))
 
     def base_weight(self, base: BaseTwist) -> Array:
-        arm = np.broadcast_to(self.carried_arm, base.gravity.shape)
+        arm = np.broadcast_to(point_carried(self), base.gravity.shape)
         turned = np.stack([-arm[:, 1], arm[:, 0]], axis=1) * base.turning[:, None] - arm * (base.rate**2)[:, None]
         return np.asarray(base.gravity - base.acceleration - turned)
 

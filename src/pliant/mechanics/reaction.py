@@ -24,6 +24,13 @@ class BaseTwist(NamedTuple):
     turning: Array  # (T,) or (T, 3) rad/s^2
 
 
+def point_carried(chain: Any) -> Array:
+    """Return the position (2,) [m] of the point of the base of a planar chain whose acceleration acts on the links as
+    weight does: the first joint, or the origin if the part before it may lengthen.
+    """
+    return np.asarray(chain.model.first_joint * (not chain.model.extensions))
+
+
 def planar_reaction(chain: Any, x: Array, v: Array, a: Array, base: BaseTwist) -> tuple[Array, Array]:
     """Return the force (T, 2) [N] and the moment (T, 1) [N m] about the origin that the base exerts on a planar chain
     at coordinates x, rates v and accelerations a (T, N), in the axes of the base.

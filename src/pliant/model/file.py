@@ -153,6 +153,8 @@ def model_to_dict(model: Model) -> dict[str, Any]:
         content["space"] = plain(model.space)
     else:
         del content["space"]
+    if not model.moving_base:
+        del content["moving_base"]
     content["units"] = units_in(content)
     return content
 

@@ -132,9 +132,9 @@ def align(
     pose = _rest_pose(position[window], recording)
     base_rotation = base_rotation_at_rest(matrices, index, window)
     base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=1)))
-    raw, at_rest = (position, matrices), pose[index]
+    raw = position, matrices, BaseRest(index, pose[index], base_rotation)
     if remove_base_motion or base_motion:
-        position, matrices = _without_base_motion(position, matrices, index, pose[index], base_rotation)
+        position, matrices = _without_base_motion(*raw, "base_motion" if base_motion else "remove_base_motion")
         pose = mean_place(position[window])
     offset = _offset(origin_offset, origin, pose[index])
     _check_only_station(recording, offset)
@@ -148,8 +148,7 @@ def align(
     kept = bend is None or (space and method not in ("motion", "body", "input"))
     if not kept and sign not in (0, _wanted_sign(str(bend))):
         normal, sign = -normal, -sign
-    rotation = np.stack([np.cross(y, normal), y, normal])
-    rotation = np.roll(rotation, 1, axis=0) if space else rotation
+    rotation = np.roll(np.stack([np.cross(y, normal), y, normal]), int(space), axis=0)
     report = Alignment(
         base=str(recording["station"].values[index]), origin=tuple(zero.tolist()),
         rotation=tuple(tuple(row) for row in rotation.tolist()), tangent=_named(tangent), plane=_named(plane),
@@ -157,13 +156,11 @@ def align(
         base_motion_removed=remove_base_motion or base_motion, frame="spatial" if space else "planar",
         **_out_of_plane(position, about["motion"], normal),
     )  # fmt: skip
-    arc = _arc_length(recording, arc_length, pose, index, offset)
     place = _turned(position, zero, rotation if space else rotation[:2])
     turned = _orientations(matrices, window, rotation) if space else _angles(matrices, window, normal)
+    arc = _arc_length(recording, arc_length, pose, index, offset)
     aligned = _aligned(recording, place, {"quaternion" if space else "angle": turned}, arc, report)
-    if not base_motion or raw[1] is None or base_rotation is None:
-        return aligned
-    return with_base_input(aligned, raw[0], raw[1], BaseRest(index, at_rest, base_rotation), base_cutoff)
+    return with_base_input(aligned, raw, base_cutoff) if base_motion else aligned
 
 
 def _check_positions(recording: xr.Dataset) -> None:
@@ -258,14 +255,13 @@ def _rest_pose(position: NDArray, recording: xr.Dataset) -> NDArray:
 
 
 def _without_base_motion(
-    position: NDArray, matrices: NDArray | None, index: int, place: NDArray, rotation: NDArray | None
+    position: NDArray, matrices: Any, rest: BaseRest, option: str
 ) -> tuple[NDArray, NDArray | None]:
-    if matrices is None or rotation is None:
-        raise InputError("remove_base_motion and base_motion need the orientation of the base station, which this "
-                         "recording lacks: leave both out")
-    back = rotation @ np.swapaxes(matrices[:, index], -1, -2)
-    moved = np.einsum("tij,tsj->tsi", back, position - position[:, index : index + 1]) + place
-    return moved, back[:, None] @ matrices
+    if rest.axes is None:
+        raise InputError(f"{option} needs the orientation of the base station, which this recording lacks: leave "
+                         f"{option} out")
+    back, base = rest.axes @ np.swapaxes(matrices[:, rest.station], -1, -2), position[:, rest.station, None]
+    return np.einsum("tij,tsj->tsi", back, position - base) + rest.position, back[:, None] @ matrices
 
 
 def _wanted_sign(bend: str) -> int:

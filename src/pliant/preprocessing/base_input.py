@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -23,13 +23,13 @@ STILL_SHARE = 0.2  # of the base's peak displacement: a station that moves less 
 class BaseRest(NamedTuple):
     """The base station at rest, in the tracker's frame."""
 
-    index: int  # of the station
+    station: int  # its index
     position: NDArray  # (3,) m
-    axes: NDArray  # (3, 3)
+    axes: Any  # (3, 3)
 
 
 def with_base_input(
-    aligned: xr.Dataset, position: NDArray, matrices: NDArray, rest: BaseRest, cutoff: float | str,
+    aligned: xr.Dataset, tracked: tuple[NDArray, Any, BaseRest], cutoff: float | str,
 ) -> xr.Dataset:
     """Return an aligned recording with the motion of its base station as an input, see `with_base_motion`.
 
@@ -37,19 +37,17 @@ def with_base_input(
     ----------
     aligned : xarray.Dataset
         Positions and angles relative to the moved base.
-    position : array (T, S, 3)
-        Positions of the stations in the tracker's frame, m.
-    matrices : array (T, S, 3, 3)
-        Their orientations.
-    rest : BaseRest
-        The base station at rest.
+    tracked : tuple
+        Positions (T, S, 3) [m] and orientations (T, S, 3, 3) of the stations in the tracker's frame, and the base
+        station at rest.
     cutoff : float (Hz) or "auto"
         Smoothing of the motion for its derivatives.
     """
+    position, matrices, rest = tracked
     report = alignment_of(aligned)
     axes, origin = np.array(report.rotation), np.array(report.origin)
-    turned = matrices[:, rest.index] @ rest.axes.T
-    moved = (position[:, rest.index] + turned @ (origin - rest.position) - origin) @ axes.T
+    turned = matrices[:, rest.station] @ rest.axes.T
+    moved = (position[:, rest.station] + turned @ (origin - rest.position) - origin) @ axes.T
     rotation = axes @ turned @ axes.T
     unknown = int((~np.isfinite(moved).all(axis=1)).sum())
     lines = [f"the pose of the base is unknown in {unknown} of {len(moved)} frames"] if unknown else []

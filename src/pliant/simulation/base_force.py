@@ -43,12 +43,12 @@ def base_variables(problem: InitialValueProblem, marched: Marched, plan: Drive) 
     force, moment = chain.reaction(x, v, accelerations(chain, x, v, torque, twist), twist)
     for pull, given in zip(pulls, problem.forces, strict=True):
         point = mechanics_of(problem.model.with_(stations=(station_of(problem.model, given),))).stations(x)[0][:, 0]
-        force, moment = force - pull, moment - np.reshape(np.cross(*map(in_space, (point, pull)))[:, -len(moment[0]):],
-                                                          moment.shape)  # fmt: skip
-    turned = {"base_angle": (("time",), pose.angle)} if chain.dimension == 2 else {
+        turned = np.cross(in_space(point), in_space(pull))[:, -moment.shape[1] :]
+        force, moment = force - pull, moment - turned
+    turn: dict[str, Entry] = {"base_angle": (("time",), pose.angle)} if chain.dimension == 2 else {
         "base_axes": (("time", "axis", "base_axis"), pose.axes)}  # fmt: skip
     return {
-        "base_position": (("time", "axis"), pose.position), **turned, "base_force": (("time", "axis"), force),
+        "base_position": (("time", "axis"), pose.position), **turn, "base_force": (("time", "axis"), force),
         "base_moment": (("time",), moment[:, 0]) if chain.dimension == 2 else (("time", "axis"), moment),
     }
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.mechanics import Mechanics
+from pliant.mechanics.reaction import point_carried
 from pliant.model import Model
 from pliant.preprocessing.rotations import continuous, to_matrix
 from pliant.shapes import Float
@@ -224,7 +225,7 @@ def base_rows(chain: Mechanics, motion: BaseMotion, nodes: Array) -> tuple[Array
         mean = np.diff(ends.velocity, axis=0) / h[:, None]
         rows = np.concatenate([inward(middle.axes, middle.rate), inward(middle.axes, middle.turning)], axis=1)
         return rows, chain.uniform_loads(inward(middle.axes, gravity - mean) - gravity)
-    arm = np.einsum("tij,j->ti", ends.axes, chain.carried_arm)
+    arm = np.einsum("tij,j->ti", ends.axes, point_carried(chain))
     velocity = ends.velocity + ends.rate[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
     mean, turn = np.diff(velocity, axis=0) / h[:, None], np.diff(ends.angle)
     rows = np.column_stack([turn / h, np.diff(ends.rate) / h, ends.rate[:-1], ends.rate[1:], turn])

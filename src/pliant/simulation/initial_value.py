@@ -73,7 +73,8 @@ class InitialValueProblem(NamedTuple):
         if not self.forces and self.base is None:
             return plan
         nodes = self.times[0] + np.append(0.0, np.cumsum(plan.h))
-        return plan._replace(**loads_and_base(self.model, self.forces, self.base, nodes))
+        load, base = loads_and_base(self.model, self.forces, self.base, nodes)
+        return plan._replace(load=load, base=base)
 
     def loads_before(self) -> Array | None:
         """Return the loads [N m] on the links just before the first output time, of known forces and of the turned pose
@@ -136,15 +137,16 @@ def posed(
 
 def loads_and_base(
     model: Model, forces: Sequence[PointForce], base: BaseMotion | None, nodes: Array, late: float = 0.0,
-) -> dict[str, Array]:
-    """Return the mean loads [N m] on the links in each of the m steps between `nodes` (m + 1,) [s] as "load", and the
-    motion of the base in them as "base", if it has one. The clock of the base's poses is `late` [s] late.
+) -> tuple[Array, Array]:
+    """Return the mean loads [N m] on the links in each of the m steps between `nodes` (m + 1,) [s], and the motion of
+    the base in them (m, 5), in space (m, 6), without rows for a base at rest. The clock of its poses is `late` [s]
+    late.
     """
-    loads = mean_loads(model, forces, nodes) if forces else 0.0
+    loads = mean_loads(model, forces, nodes) if forces else np.zeros((0, *mechanics_of(model).no_loads().shape))
     if base is None:
-        return {"load": np.asarray(loads)}
+        return loads, np.zeros((0, 5))
     rows, beside = base_rows(mechanics_of(model), base, nodes + late)
-    return {"load": loads + beside, "base": rows}
+    return (loads + beside if forces else beside), rows
 
 
 def march(

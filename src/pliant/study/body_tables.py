@@ -98,7 +98,8 @@ class TaperTable(PartTable):
 
 @fields_of(
     ModelParameters,
-    TableLayout(without=("link_length", "link_mass", "chambers", "extensions", "space", "stations", "name", "source"),
+    TableLayout(without=("link_length", "link_mass", "chambers", "extensions", "space", "stations", "name", "source",
+                         "moving_base"),
            optional=True, bounded=True),
     stiffness=Each, damping=Each, rest_angle=Each, stiffening=Each, cubic_stiffening=Each, stiffening_bound=Each,
     mass_at=MassAt, memory=MemoryTable,
