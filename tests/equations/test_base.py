@@ -67,7 +67,7 @@ def test_turning_base_in_space_is_that_of_the_plane(segments, rng):
 
 
 def test_step_on_a_turning_base_is_of_second_order():
-    """From rest without weight, against far shorter steps: the loop's rows of a step, and its return to the axes of the base."""
+    """From rest without weight, against far shorter steps: a step's rows, and its return to the axes of the base."""
     chain = mechanics_of(Model(**LINKS)).with_own_base()
 
     def after(h):

@@ -17,7 +17,7 @@ from pliant.identification.optimise import solve
 from pliant.identification.parameters import Parameter, shared_name
 from pliant.identification.result import FitResult
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Tendon
+from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.selection.criterion import effective_numbers, groups_of, left_out
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
@@ -149,10 +149,10 @@ def beginning(model: Model, train: Sequence[Experiment], common: Sequence[Entry]
     names = [n for n in ("stiffness", "damping") if n not in kinds and "body_stiffness" not in kinds]
     if any(e.excitation != "release" for e in train):
         names += [n for n in torque_names(model) if n not in stated]
-    if mechanics_of(model).lengthens and not isinstance(model.chambers[0], Tendon):
+    if mechanics_of(model).lengthens and not model.chambers[0].signs:
         names += [n for n in ("axial_damping",) if n not in kinds]
         names += [f"{start}axial_gain" for start, chamber in zip(prefixes(model), model.chambers, strict=True)
-                  if not isinstance(chamber, Tendon) and f"{start}axial_gain" not in stated]  # fmt: skip
+                  if chamber.uses("axial_gain") and f"{start}axial_gain" not in stated]  # fmt: skip
     return [*common, *names]
 
 

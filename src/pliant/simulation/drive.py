@@ -16,7 +16,7 @@ from pliant.equations.chamber import mean_of_law
 from pliant.equations.symbols import Interval
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Model, Valve
+from pliant.model import ActuationInput, Model, Valve
 from pliant.simulation.chamber_course import (
     Intervals,
     delivered,
@@ -112,7 +112,7 @@ class Layout:
         """Return the initial pressure [Pa] of chamber `c` behind its valve."""
         return delivered(valve, float(self.initial[c]))
 
-    def driven(self, c: int, chamber: Chamber) -> Driven:
+    def driven(self, c: int, chamber: ActuationInput) -> Driven:
         """Return the mean torques of chamber `c` in all time steps, with its pressure and stretch
         at the output times.
         """
@@ -152,7 +152,7 @@ class Layout:
         slope[first:at], slope[at:last] = 1.0 / (at - first), -1.0 / (last - at)
         return slope
 
-    def torque_slopes(self, chambers: Sequence[Chamber], rows: Array, h: Array) -> Array:
+    def torque_slopes(self, chambers: Sequence[ActuationInput], rows: Array, h: Array) -> Array:
         """Return the derivatives (steps, C, WIDTH) of the mean torques of C chambers in each time step with respect to
         WIDTH variables. The chambers' constants `rows` and the step lengths `h` are dual numbers: values with their
         derivatives by these variables.
