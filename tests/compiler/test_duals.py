@@ -50,7 +50,7 @@ def lengthening(rng):
     B = 1e-4 * np.outer(l, l) + 1e-5 * np.eye(n + 1)
     body = ExtensibleBody(B, l, rng.uniform(0, 1e-3, n + 1), share, 3.0, -9.0)
     x, v = rng.normal(size=n + S), rng.normal(size=n + S)
-    joints = ExtensibleJoints(*joints_of(rng, n, S), np.zeros(0))
+    joints = ExtensibleJoints(*joints_of(rng, n, S)[:6], np.zeros(0), rng.normal(size=2))
     given = (0.1 * x, v, 1e-3, rng.uniform(0, 0.1, n + S), body, joints)
     return motion.step, (*given, workspace(n, S)), n, S
 

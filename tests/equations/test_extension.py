@@ -40,7 +40,7 @@ def forces(chain, x, v):
     work = workspace(chain.n, chain.size - chain.n, np.asarray(x).dtype)
     f = np.zeros_like(work.a)
     extension.place(x, v, 0.0, chain.body(), chain.joints(), work)
-    extension.inertial_forces(v, chain.body(), work, f)
+    extension.inertial_forces(v, chain.body(), chain.joints(), work, f)
     return f
 
 
@@ -158,7 +158,7 @@ def test_stiff_segments_are_the_plain_chain(rng):
     body = ExtensibleBody(B, np.append(0.0, plain.l), h, np.ones((5, 1)), own.gx, own.gy)
     joints = plain.joints()
     stiff = joints._replace(K=np.append(joints.K, 1e14), D=np.append(joints.D, 0.0))
-    stiff = ExtensibleJoints(*stiff, np.zeros(0))
+    stiff = ExtensibleJoints(*stiff[:6], np.zeros(0))
     phi, w = np.cumsum(rng.uniform(-0.5, 0.5, 4)), rng.normal(size=4)
     drive, a, b = rng.normal(size=4), np.zeros(4), np.zeros(5)
     motion.acceleration(phi, w, drive, own, joints, plain_workspace(4), a)
@@ -179,7 +179,7 @@ def forces_at_rest(body, joints, phi, w, a):
     x, v = np.append(phi, 0.0), np.append(w, 0.0)
     extension.place(x, v, 0.0, body, joints, work)
     extension.inertia(body, work, M)
-    extension.inertial_forces(v, body, work, f)
+    extension.inertial_forces(v, body, joints, work, f)
     return -(M[4, :4] @ a + f[4])
 
 

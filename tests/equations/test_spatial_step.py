@@ -146,8 +146,9 @@ def test_a_heavy_top_precesses_regularly():
 
 
 def test_derivatives_of_a_step_by_every_kind_of_parameter(rng):
-    """Complex steps through the text against differences of it: state, geometry, inertia, springs, weight."""
+    """Complex steps through the text against differences of it: state, geometry, inertia, springs, weight, base."""
     chain = random_space_chain(rng, 2, twist=True)
+    chain = chain._replace(body=chain.body._replace(spin=rng.normal(size=(2, 3))))
     given = {"x": chain.x, "v": chain.v, **chain.body._asdict(), **chain.joints._asdict()}
     left_out = ("unloaded", "base_angle", "share", "beyond", "lever", "tendon_stiffness", "pretension", "friction",
                 "slip_rate", "line", "tied")  # fmt: skip

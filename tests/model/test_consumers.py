@@ -100,6 +100,7 @@ MODELS = {
     ),
     "slack": pulled(pretension=0.0), "loose": pulled(pretension=-1.0),
     "pair_pretension": spatial(chambers=(tendon(0.4, "near", pair=True),)),
+    "base_motion": planar(moving_base=True),
 }  # fmt: skip
 MORE = {"slack": "tendons", "loose": "tendons", "remembering_segments": "axial_memory"}  # more models of a feature
 LATE_OR_SLOW = {"creep", "space_memory", "axial_memory", "swelling"}  # slow beside the 0.3 s of these motions
@@ -263,7 +264,7 @@ def test_residuals_vanish_without_contact(key):
     assert carried_or_refused(
         MOMENTUM_RESIDUAL, key,
         lambda: momentum_residual(model, np.arange(2.0), np.zeros((2, model.size)), np.zeros((2, model.size)), each[:2])
-    ) is not (model.space is not None or bool(model.extensions) or key in ("swelling", "inflation"))
+    ) is not (model.space is not None or bool(model.extensions) or key in ("swelling", "inflation", "base_motion"))
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 
 import numpy as np
 import pytest
@@ -13,10 +13,10 @@ from pliant.errors import InputError
 from pliant.model import Chamber, Extension, Memory, Model, Station, Tendon, Valve, chain_model, summary
 from pliant.model import file as model_file
 from pliant.model.actuation import LEAST, Actuation
-from pliant.model.chamber import rest_of_gent
 from pliant.model.extension import shares
 from pliant.model.memory import payne
 from pliant.model.space import Space
+from pliant.model.wall import rest_of_gent
 
 SIZES = {"link_length": [0.1, 0.2], "link_mass": [0.02, 0.03], "stiffness": [1.5, 2.0], "damping": 0.01}
 PLAIN = Model(**SIZES, torque=[1e-6])
@@ -123,7 +123,7 @@ def test_a_tendon_shortens_segments_up_to_the_last_joint_that_it_turns(turned, i
     for gains in ({"joint_gain": turned, "cross_gain": nothing}, {"joint_gain": nothing, "cross_gain": turned}):
         tendon = Tendon(lever=0.01, **gains)
         actuation = Actuation((tendon,), 3, (0.1,) * len(inside), inside, 2)
-        np.testing.assert_allclose(actuation.drawn_in(tendon), -np.array(part))
+        np.testing.assert_allclose(tendon.axial_gains(3, inside), -np.array(part))
         np.testing.assert_allclose(actuation.gain[0, 6:], -0.1 * np.array(part))
 
 
@@ -160,10 +160,6 @@ def test_the_command_of_a_tendon_is_a_force_for_each_unit_of_its_input():
             {"driven_by": "displacement", "line_stiffness": 1e3, "pulley": 0.01},
             "driven_by = 'displacement' has no pulley: leave pulley out",
         ),
-        ({"swell_share": 0.1}, "only a pressure chamber has them"),
-        ({"inflation_limit": 1e5}, "only a pressure chamber has them"),
-        ({"axial_gain": [0.0, 1.0]}, "only a pressure chamber has them"),
-        ({"law": "saturating"}, "only a pressure chamber has them"),
         ({"joint_gain": [0.0, 2e6]}, "^tendon 'tendon': joint_gain must have a size"),
         ({"joint_gain": [0.0, -2e6]}, "joint_gain must have a size"),
         ({"friction": -0.1}, "friction must not be negative"),
@@ -180,6 +176,14 @@ def test_the_command_of_a_tendon_is_a_force_for_each_unit_of_its_input():
 def test_tendons_that_cannot_be(values, said):
     with pytest.raises(InputError, match=said):
         Tendon(**{**LINE, **values})
+
+
+@pytest.mark.parametrize("field", ["torque", "swell_share", "inflation_limit", "axial_gain", "law"])
+def test_a_tendon_has_no_field_of_a_chamber(field):
+    with pytest.raises(TypeError, match=f"unexpected keyword argument '{field}'"):
+        Tendon(**LINE, **{field: 0.1})
+    assert field not in {f.name for f in fields(Tendon)}
+    assert not isinstance(Tendon(**LINE), Chamber)
 
 
 def test_a_tendon_says_where_it_runs_and_what_drives_it():

@@ -93,7 +93,7 @@ class Groups:
         shapes = ((rows, n, WIDTH), (rows, n, WIDTH), (rows, n, 2, WIDTH))
         phi, w, tips = map(aligned, shapes)
         kept = Output(phi, w, tips, np.full(WIDTH, -1))
-        scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (6, n + 1, WIDTH)))
+        scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (7, n + 1, WIDTH)))
         torque = None
         for group in self.left:
             torque = self.run(group, kept, scratch, torque)
@@ -133,7 +133,8 @@ class ScalarGroups(Groups):
     def simulate_one(self, i: int, h: Array, torque: Array, keep: Array) -> None:
         """Simulate sample `i` with steps h [s] and mean torques `torque` [N m], and store its results."""
         model, times = self.samples.model(i), self.schedule.times
-        steps = march_loops.Steps(h, torque[:, None], np.array(model.actuation.gain), keep, np.zeros((0, 0, 2)))
+        gain, none = np.array(model.actuation.gain), (np.zeros((0, 0, 2)), np.zeros((0, 5)))
+        steps = march_loops.Steps(h, torque[:, None], gain, keep, *none)
         angle, rate = self.start[:, :, i]
         results, failed = march_alone(model, steps, angle.copy(), rate.copy(), times.size)
         if failed >= 0:

@@ -84,7 +84,7 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
 
     Every array has the samples last: state (2, n, W) the angles and rates, changed in place; h and torque (steps, W);
     keep (steps,) the output row after each step (negative: none; row 0 is the start); `samples` (`Lane`); scratch
-    (n, n, W) twice and (6, n + 1, W); `out` (`Output`). For a sample that fails, the step is written to out.failed; its
+    (n, n, W) twice and (7, n + 1, W); `out` (`Output`). For a sample that fails, the step is written to out.failed; its
     later rows are meaningless, and the other samples are not affected. Returns a bit mask of the good samples.
     """
     n = state.shape[1]
@@ -93,10 +93,11 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
     gravity = as_lanes(g)
     body = Body(as_lanes(B), as_lanes(I), as_lanes(first_moment), gravity[0], gravity[1])
     where = as_lanes(samples.place)
-    joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4:], chain[0])
     gain = chain[3:4]
     A, S, vectors = scratch
     rows = as_lanes(vectors)
+    rest_base(rows[6])
+    joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4:], chain[0], rows[6])
     work = Workspace(
         as_lanes(A), as_lanes(S), rows[0, :n], rows[1, :n], rows[2], rows[3, :n], rows[4, :n], rows[5, :n]
     )
@@ -119,6 +120,12 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
         if row >= 0:
             keep_lanes(row, phi, w, where, kept)
     return good
+
+
+def rest_base(spin):
+    """Set the spin of the base to zero: the base of a chain in a batch rests."""
+    for i in range(2):
+        spin[i] = 0.0
 
 
 def sound(phi, w, h, joint, good):
@@ -148,11 +155,12 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
         as_lanes(A), as_lanes(S), rows[0, :n], rows[1, :n], rows[2], rows[3, :n], rows[4, :n], rows[5, :n]
     )
     length = as_lanes(h)[0]
+    rest_base(rows[6])
     for group in range(len(state)):
         gravity = as_lanes(g[group])
         body = Body(as_lanes(B[group]), as_lanes(I[group]), as_lanes(first_moment[group]), gravity[0], gravity[1])
         chain, where = as_lanes(samples.joints[group]), as_lanes(samples.place[group])
-        joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4:], chain[0])
+        joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4:], chain[0], rows[6])
         both = as_lanes(state[group])
         phi, w = both[0], both[1]
         good = (1 << WIDTH) - 1

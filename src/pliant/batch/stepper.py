@@ -86,7 +86,7 @@ class OnLanes:
             np.zeros((groups, WIDTH, C)), a["law"], a["gain"], a["rubber"], a["valve"],
             a["pressure"], a["slow"], np.zeros((WIDTH, n)),
         )
-        self._scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (6, n + 1, WIDTH)))
+        self._scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (7, n + 1, WIDTH)))
         self._h = aligned((1, WIDTH))
         self._h[:] = time_step
         self._failed = np.zeros((groups, WIDTH), dtype=np.int64)

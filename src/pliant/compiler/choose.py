@@ -16,6 +16,7 @@ from pliant.compiler import trace
 from pliant.compiler.twin import compiled_twin, fingerprint, reached
 from pliant.equations import (
     articulated,
+    base,
     contact,
     elastic,
     energy,
@@ -58,6 +59,7 @@ SPATIAL: dict[Any, Any] = {  # planar kernels and the kernels which replace them
     observation.turned: spatial_observation.turned,
     memory.step_with_memory: spatial_memory.step_with_memory, memory.relax: spatial_memory.relax,
     memory.follow_change: spatial_memory.follow_change,
+    base.begin_step: base.begin_step_in_space, base.end_step: base.end_step_in_space,
 }  # fmt: skip
 AXIAL: dict[Any, Any] = {  # replacements of the kernels of joints if segments have hysteresis too
     memory.step_with_memory: extension_memory.step_with_axial_memory, memory.relax: extension_memory.relax_all,
@@ -79,7 +81,8 @@ def twin(
     With a number of `links`, the steps inside it are the fastest for this number, see `substitutes`. If `segments` > 0
     segments lengthen, the steps are those of `equations.extension`. If each joint has 2 or 3 rotational coordinates
     (`turns`), the steps are those of `equations.spatial`, which are the same for any number of `tendons` but none.
-    `axial` is the sum of `trace.CURVED` and `trace.REMEMBERS`: laws of segments beyond linear springs and dampers.
+    `axial` is the sum of `trace.CURVED` and `trace.REMEMBERS`, laws of segments beyond linear springs and dampers, and
+    of `trace.TURNS` for a chain in space whose base turns.
     """
     return made(kernel, "", links, segments, turns, min(tendons, 1), axial)
 

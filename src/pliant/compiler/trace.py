@@ -33,6 +33,7 @@ KEPT = {"build_step": tuple(f"work.{name}" for name in POSE)}
 
 
 CURVED, REMEMBERS = 1, 2  # laws of segments that lengthen: springs that soften or stiffen, hysteresis
+TURNS = 4  # in space: the base turns in a prescribed way
 
 
 class Tape:
@@ -242,7 +243,8 @@ def spatial_arguments(
 
     masses = (zeros(n), zeros(n), zeros(n), zeros(n))
     constants = (zeros(tendons) for _ in range(4))
-    behind = (zeros(tendons, size), *constants, zeros(size, n), zeros(n + 1, segments))
+    spin = zeros(2 if axial & TURNS else 0, 3)
+    behind = (zeros(tendons, size), *constants, zeros(size, n), zeros(n + 1, segments), spin)
     return {
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size + tendons), "a": zeros(size),
         "total": zeros(3), **{name: zeros(size) for name in ("t", "f", "pull")}, "B": zeros(size, size),

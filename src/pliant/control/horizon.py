@@ -20,7 +20,7 @@ from pliant.estimation.contract import State
 from pliant.linear.linearisation import behind_valve
 from pliant.linear.sampled import hold, periods_late
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Valve
+from pliant.model import ActuationInput, Valve
 
 Array = np.ndarray
 COARSE = 6e-3  # s, longest time step of the model
@@ -130,7 +130,7 @@ class Horizon:
 class ValveLine:
     """Discrete-time model of one chamber's valve and dead time, exact for commands that are constant in each period."""
 
-    def __init__(self, chamber: Chamber, supply: SupplyValve | None, period: float, latency: float) -> None:
+    def __init__(self, chamber: ActuationInput, supply: SupplyValve | None, period: float, latency: float) -> None:
         whole, part, _ = periods_late(chamber.valve.dead_time + latency, period)
         self._old, self._share, self._whole = bool(part), part / period, whole
         held = [behind_valve(np.zeros((0, 0)), np.zeros(0), v)[:2] for v in sides(chamber.valve, supply)]

@@ -96,7 +96,7 @@ def joint_torques(phi, w, joints, torque, ahead, t):
     """
     n = len(joints.theta0)
     angle = joints.base_angle
-    rate = 0.0 * w[0]
+    rate = joints.spin[0]
     for i in range(n):
         q = phi[i] - angle - joints.theta0[i]
         dq = w[i] - rate
@@ -115,7 +115,7 @@ def joint_tangents(phi, w, joints, ahead, slope):
     `joint_torques` gives the torques of the same springs.
     """
     angle = joints.base_angle
-    rate = 0.0 * w[0]
+    rate = joints.spin[0]
     for i in range(len(joints.theta0)):
         bend = phi[i] - angle - joints.unloaded[i] + ahead * (w[i] - rate)
         slope[i] = spring_slope(i, joints, bend)

@@ -49,7 +49,7 @@ def damping_power(w, joints):
     sum_i D_i dq_i^2
     """
     value = 0.0 * w[0]
-    before = 0.0 * w[0]
+    before = joints.spin[0]
     for i in range(len(joints.theta0)):
         dq = w[i] - before
         value = value + joints.D[i] * dq * dq
@@ -66,7 +66,7 @@ def input_power(w, torque, joints):
     sum_i torque_i dq_i + sum_s torque_s de_s, which is p dV/dt by virtual work.
     """
     value = 0.0 * w[0]
-    before = 0.0 * w[0]
+    before = joints.spin[0]
     for i in range(len(joints.theta0)):
         value = value + torque[i] * (w[i] - before)
         before = w[i]

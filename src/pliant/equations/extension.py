@@ -3,9 +3,9 @@ segment.
 
 Coordinates are x = (phi_1 ... phi_n, e_1 ... e_S), rates v = dx/dt. Link k is st_k l_k long, st_k = 1 + sum_s a_ks e_s,
 where a_ks is the fraction of link k that lies in segment s. Link 0 is the part between the origin and the first joint,
-which lengthens too, but does not turn. With u_k = st_k e(phi_k), e = (-sin, cos), n = (-cos, -sin), the kinetic energy
-is 1/2 sum_kl B_kl u'_k . u'_l. B is the constant of the chain that does not lengthen, with the rotary inertia on its
-diagonal, since the rotary inertia of a rod scales with its stretch in the same way. So
+which lengthens too, and turns with the base alone. With u_k = st_k e(phi_k), e = (-sin, cos), n = (-cos, -sin), the
+kinetic energy is 1/2 sum_kl B_kl u'_k . u'_l. B is the constant of the chain that does not lengthen, with the rotary
+inertia on its diagonal, since the rotary inertia of a rod scales with its stretch in the same way. So
 
 M_(phi k, phi l) = B_kl st_k st_l cos(phi_k - phi_l),  M_(phi k, e s) = st_k sum_l B_kl a_ls sin(phi_l - phi_k),
 M_(e s, e t) = sum_kl a_ks a_lt B_kl cos(phi_k - phi_l)
@@ -28,7 +28,7 @@ def place(x, v, ahead, body, joints, work):
     """
     n = len(joints.theta0)
     for k in range(n + 1):
-        angle = joints.base_angle
+        angle = joints.base_angle + ahead * joints.spin[0]
         if k > 0:
             angle = x[k - 1] + ahead * v[k - 1]
         stretch = 1.0
@@ -101,19 +101,20 @@ def inertia(body, work, M):
             M[n + i, n + j] = along_strain(j, body, work)
 
 
-def inertial_forces(v, body, work, f):
+def inertial_forces(v, body, joints, work, f):
     """Write the centrifugal, Coriolis and gravity forces f (n + S,) [N m] of n link angles and S strains, at the rates
     v (n + S,).
 
     f_k = st_k n_k . (b_k - h_k g),  f_s = sum_k a_ks e_k . (b_k - h_k g)
 
-    with b of `carried` for the accelerations 2 st'_l w_l n_l - st_l w_l^2 e_l of the u_l at constant rates.
+    with b of `carried` for the accelerations 2 st'_l w_l n_l - st_l w_l^2 e_l of the u_l at constant rates. That of the
+    part before the first joint also has st_0 n_0 times the angular acceleration of the base.
     """
     n = len(body.l) - 1
     c = work.c
     s = work.s
     for k in range(n + 1):
-        turn = 0.0 * v[0]
+        turn = joints.spin[0]
         if k > 0:
             turn = v[k - 1]
         growth = 0.0 * v[0]
@@ -121,6 +122,8 @@ def inertial_forces(v, body, work, f):
             growth = growth + body.share[k, i] * v[n + i]
         inward = work.stretch[k] * turn * turn
         across = 2.0 * growth * turn
+        if k == 0:
+            across = across + work.stretch[k] * joints.spin[1]
         work.ax[k] = inward * s[k] - across * c[k]
         work.ay[k] = -inward * c[k] - across * s[k]
     carried(body, work)
@@ -146,7 +149,7 @@ def acceleration(x, v, torque, body, joints, work, a):
     t = work.t
     place(x, v, 0.0, body, joints, work)
     joint_torques(x, v, joints, torque, 0.0, t)
-    inertial_forces(v, body, work, work.f)
+    inertial_forces(v, body, joints, work, work.f)
     for k in range(n):
         a[k] = t[k] - t[k + 1] - work.f[k]
     axial_forces(x, v, joints, torque, 0.0, a)
@@ -205,13 +208,13 @@ def step(x, v, h, torque, body, joints, work):
         a[i] = spring_slope(i, joints, x[i] + half * v[i])
     implicit_terms(half, body, joints, work, A)
     ldl_factor(A)
-    inertial_forces(v, body, work, work.f)
+    inertial_forces(v, body, joints, work, work.f)
     for i in range(len(x)):
         a[i] = r[i] - h * work.f[i]
     ldl_solve(A, a)
     for i in range(len(x)):
         work.v[i] = v[i] + 0.5 * a[i]
-    inertial_forces(work.v, body, work, work.f)
+    inertial_forces(work.v, body, joints, work, work.f)
     for i in range(len(x)):
         a[i] = r[i] - h * work.f[i]
     ldl_solve(A, a)
@@ -264,7 +267,7 @@ def add_link_loads(x, v, ahead, load, body, joints, work):
     t = work.tau
     total = 0.0 * t[0]
     for k in range(n, -1, -1):
-        angle = joints.base_angle
+        angle = joints.base_angle + ahead * joints.spin[0]
         if k > 0:
             angle = x[k - 1] + ahead * v[k - 1]
         c = np.cos(angle)

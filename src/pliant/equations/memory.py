@@ -206,7 +206,7 @@ def joint_turns(phi, w, h, joints, held):
     held.dq.
     """
     angle = joints.base_angle
-    rate = 0.0 * w[0]
+    rate = joints.spin[0]
     for i in range(len(joints.theta0)):
         held.q[i] = phi[i] - angle - joints.theta0[i]
         held.dq[i] = h * (w[i] - rate)
@@ -308,7 +308,7 @@ def agreement(w, h, past, work, calm):
     `update_turn` replaces the turns. The result is NaN where the step failed.
     """
     worst = 0.0
-    rate = 0.0 * w[0]
+    rate = past.held.springs.spin[0]
     for i in range(len(past.held.theta0)):
         mean = w[i] - 0.5 * work.a[i]
         apart = update_turn(i, h * (mean - rate), past.memory, past, calm)

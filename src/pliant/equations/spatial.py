@@ -247,6 +247,7 @@ def inertial_forces(x, v, body, work, f):
     work.lift[0] = -body.gx
     work.lift[1] = -body.gy
     work.lift[2] = -body.gz
+    turn_base(body, work)
     for k in range(n):
         swing_rates(k, x, v, work)
         if len(work.S) > 2 * n:
@@ -261,6 +262,31 @@ def inertial_forces(x, v, body, work, f):
             i = 2 * n + k
             f[i] = work.S[i, 0] * work.M[k, 0] + work.S[i, 1] * work.M[k, 1] + work.S[i, 2] * work.M[k, 2]
     strain_forces(body, work, f)
+
+
+def turn_base(body, work):
+    """Write the angular velocity and acceleration of a base that turns to `work`, and add the acceleration of the first
+    joint about the origin to work.lift. A base that does not turn adds no operation.
+
+    With u = st l z along the part before the first joint, u'' = alpha x u + omega x (omega x u) + 2 st' l omega x z.
+    """
+    if len(body.spin) > 0:
+        for i in range(3):
+            work.omega[i] = body.spin[0, i]
+            work.alpha[i] = body.spin[1, i]
+        for i in range(3):
+            j = (i + 1) % 3
+            m = (i + 2) % 3
+            work.turn[i] = work.omega[j] * work.R[0, m, 2] - work.omega[m] * work.R[0, j, 2]
+        twice = 0.0 * work.omega[0]
+        if body.share.shape[1] > 0:
+            twice = 2.0 * work.growth[0] * body.length[0]
+        for i in range(3):
+            j = (i + 1) % 3
+            m = (i + 2) % 3
+            second = work.alpha[j] * work.R[0, m, 2] - work.alpha[m] * work.R[0, j, 2]
+            second = second + (work.omega[j] * work.turn[m] - work.omega[m] * work.turn[j])
+            work.lift[i] = work.lift[i] + (work.length[0] * second + twice * work.turn[i])
 
 
 def swing_rates(k, x, v, work):

@@ -6,10 +6,12 @@ the absolute link angles phi_i = base_angle + sum_{k<=i} (q_k + theta0_k), from 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-if TYPE_CHECKING:
-    import numpy as np
+import numpy as np
+
+AT_REST = np.zeros(2)  # rate [rad/s] and acceleration [rad/s^2] of a base that does not turn, in the plane
+STILL = np.zeros((0, 3))  # no rows: a base in space that does not turn
 
 
 class Body(NamedTuple):
@@ -68,6 +70,7 @@ class SpatialBody(NamedTuple):
     slip_rate: np.ndarray  # (R,) m/s, over which friction changes its direction
     beyond: np.ndarray  # (N, n) fraction of a coordinate's path length beyond the middle of each joint's arc
     share: np.ndarray  # (n + 1, S) fraction of each link that lies in each segment that lengthens; S may be 0
+    spin: np.ndarray = STILL  # (2, 3) angular velocity and acceleration of the base in its axes, rad/s^1,2; or (0, 3)
 
 
 class Links(NamedTuple):
@@ -93,6 +96,7 @@ class Joints(NamedTuple):
     D: np.ndarray  # (n,) N m s/rad
     hardening: np.ndarray  # (terms + 1, n) K2 [N m/rad^2], K3 [N m/rad^3] ..., bound R [1/rad^2] of springs: `elastic`
     unloaded: np.ndarray  # (n,) rad, theta0 without the shift by hysteresis; K2, K3 ... act on the angle from here
+    spin: np.ndarray = AT_REST  # (2,) rate [rad/s] and acceleration [rad/s^2] of the base's turn, see `base`
 
 
 class ExtensibleJoints(NamedTuple):
@@ -110,6 +114,7 @@ class ExtensibleJoints(NamedTuple):
     hardening: np.ndarray  # (terms + 1, n) or (terms + 1, n + S); of the segments EA L times s and a, and R
     unloaded: np.ndarray  # (n,) rad
     rest: np.ndarray  # (S,) strains at which the linear axial springs hold nothing, which hysteresis moves; or (0,)
+    spin: np.ndarray = AT_REST  # (2,) rate [rad/s] and acceleration [rad/s^2] of the base's turn, see `base`
 
 
 class SpatialJoints(NamedTuple):

@@ -24,7 +24,7 @@ from pliant.estimation.offline import chain_of, frame_of
 from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.features import ALL, VALVES, Consumer
+from pliant.model.features import RESTING, VALVES, Consumer
 from pliant.shapes import Float
 from pliant.simulation import state
 
@@ -68,7 +68,7 @@ class Counts:
 
 
 FILTER = Consumer(
-    "KalmanFilter", ALL - VALVES, dict.fromkeys(VALVES, "pressures are taken as behind the valves"),
+    "KalmanFilter", RESTING - VALVES, dict.fromkeys(VALVES, "pressures are taken as behind the valves"),
 )
 
 

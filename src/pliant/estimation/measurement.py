@@ -16,6 +16,8 @@ from pliant.identification.residuals import measured_turns
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.spatial import SpatialChain
 from pliant.model import Model, Station, fixed_length
+from pliant.model.features import RESTING, Consumer
+from pliant.recording.base_pose import base_moves
 from pliant.recording.schema import check_recording, recorded_further
 from pliant.reduction import links_of
 from pliant.reduction.body import body_of
@@ -28,6 +30,9 @@ IS_TURN = np.isin(list(KINDS), TURNS)  # of each kind, by its number
 IN_RADIANS = np.array([row.unit == "rad" for row in KINDS.values()])  # of each kind, by its number
 HALF_TURN = np.pi + 1e-6  # rad: no rotation vector is longer
 PLAIN = 0.5  # correlation of pressure and tip x with the wrong sign, above which a recording is rejected
+
+
+ESTIMATE = Consumer("an estimate from a recording", RESTING)
 
 
 class Measurement(NamedTuple):
@@ -183,9 +188,12 @@ def measurement_of(
     ------
     InputError
         When the recording is not aligned, is planar for a model in space or the reverse, bends to the other side than
-        the model, or shows neither the model's stations nor a dense curve (which is not enough for an extensible body).
+        the model, or shows neither the model's stations nor a dense curve (which is not enough for an extensible body),
+        or when its base moves as an input.
     """
     check_recording(recording)
+    if base_moves(recording):
+        ESTIMATE.check(model.with_(moving_base=True))
     space = model.space is not None
     frame = "spatial" if space else "planar"
     if recording.attrs.get("frame") != frame:

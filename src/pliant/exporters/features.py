@@ -11,7 +11,7 @@ import numpy as np
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.mechanics.springs import springs_of
-from pliant.model import Chamber, Memory, Model, Space, Tendon, features
+from pliant.model import ActuationInput, Memory, Model, Space, features
 from pliant.model.extension import CURVES
 from pliant.model.features import AXIAL_BRANCHES, LATER_TERMS
 from pliant.simulation.state import equilibrium, first_alone, typical_pressure
@@ -28,7 +28,7 @@ class Removable(NamedTuple):
     without: Change  # returns the nearest model without the feature
 
 
-def of_chambers(change: Callable[[Chamber], Chamber]) -> Change:
+def of_chambers(change: Callable[[ActuationInput], ActuationInput]) -> Change:
     """Return a function that takes a model and returns a copy with ``change(chamber)`` in place of each chamber."""
     return lambda model: model.with_(chambers=tuple(change(c) for c in model.chambers))
 
@@ -50,7 +50,7 @@ def straight_law(model: Model) -> Model:
     half of the chamber's typical pressure.
     """
 
-    def straight(which: int, chamber: Chamber) -> Chamber:
+    def straight(which: int, chamber: ActuationInput) -> ActuationInput:
         if chamber.law == POLYNOMIAL and chamber.torque.size == 1:
             return chamber
         level, rigid = 0.5 * (typical_pressure(model, which) or 1e5), replace(chamber, inflation_limit=0.0)
@@ -74,13 +74,13 @@ def unbounded(model: Model) -> Model:
     return model.with_(stiffening=shape[0] / most, cubic_stiffening=shape[1] / most**2, stiffening_bound=[0.0])
 
 
-def one_lag(chamber: Chamber) -> Chamber:
+def one_lag(chamber: ActuationInput) -> ActuationInput:
     """Return the chamber with the mean of its valve's rise time and fall time in place of both."""
     mean = 0.5 * (chamber.valve.rise_time + chamber.valve.fall_time)
     return replace(chamber, valve=replace(chamber.valve, rise_time=mean, fall_time=mean))
 
 
-def first_order(chamber: Chamber) -> Chamber:
+def first_order(chamber: ActuationInput) -> ActuationInput:
     """Return the chamber with a first-order valve in place of its second-order valve. Both lag equally behind a slowly
     changing command.
     """
@@ -109,11 +109,11 @@ def refused(words: str) -> Change:
     return refuse
 
 
-def both_taut(tendon: Chamber) -> Chamber:
+def both_taut(tendon: Any) -> Any:
     """Return a pair of tendons as one linear spring without pretension, other chambers unchanged. With pretension the
     spring has twice a tendon's stiffness and imbalance, which is exact while both tendons are taut.
     """
-    if not (isinstance(tendon, Tendon) and tendon.pair):
+    if len(tendon.signs) < 2:
         return tendon
     taut = 2.0 if tendon.pretension > 0.0 else 1.0
     stiffness, imbalance = taut * tendon.line_stiffness, taut * tendon.imbalance
@@ -163,8 +163,8 @@ WITHOUT: dict[str, Change] = {  # by key of `FEATURES`
     "opening": of_valve(opening_time=0.0),
     "settling": of_valve(settle_share=0.0),
     "dead_band": of_valve(dead_band=0.0),
-    "swelling": of_chambers(lambda c: replace(c, swell_share=0.0)),
-    "inflation": of_chambers(lambda c: replace(c, inflation_limit=0.0)),
+    "swelling": of_chambers(lambda c: c.changed(swell_share=0.0)),
+    "inflation": of_chambers(lambda c: c.changed(inflation_limit=0.0)),
     "creep": of_memory(creep_share=(), creep_time=()),
     "slip": of_memory(slip_share=(), slip_angle=()),
     "space": refused("is a model in space, but this target supports planar models only: export to mjcf, c99, fmu, "
@@ -173,7 +173,7 @@ WITHOUT: dict[str, Change] = {  # by key of `FEATURES`
     "soft_swing": straight_springs,
     "space_memory": lambda m: m.with_(memory=Memory()),
     "tendons": refused("is driven by tendons, which this target cannot express: export to mjcf, c99 or fmu"),
-    "tendon_friction": of_chambers(lambda c: replace(c, friction=0.0) if isinstance(c, Tendon) else c),
+    "tendon_friction": of_chambers(lambda c: c.changed(friction=0.0)),
     "pair_pretension": of_chambers(both_taut),
     "boucwen": of_memory(boucwen_share=0.0),
 }

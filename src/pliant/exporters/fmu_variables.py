@@ -12,11 +12,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pliant.equations.laws import LAWS
 from pliant.exporters.c_functions import DERIVED, UNIT, parameters
 from pliant.exporters.names import with_identifiers
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Tendon
+from pliant.model import Model
 from pliant.text import identifiers
 
 INSIDE = (*DERIVED, "dead_time")
@@ -81,15 +80,9 @@ def coordinate_unit(name: str) -> str:
 def unit_of(model: Model, field: str, index: tuple[int, ...]) -> str:
     """Return the FMU unit of one element of the parameter `field`; "" for a dimensionless number."""
     if field == "torque":
-        chamber = model.chambers[index[0]]
-        if isinstance(chamber, Tendon):
-            return {"N": "", "m": "N/m", "rad": "N/rad"}[chamber.unit]
-        own = {law.name: [fmu_unit(row.unit) for row in law.parameters.values()] for law in LAWS}
-        if units := own.get(chamber.law):
-            return units[index[-1]] if index[-1] < len(units) else ""
-        return "N.m/Pa" + (str(index[-1] + 1) if index[-1] else "")
-    if field == "joint_gain" and isinstance(model.chambers[index[0]], Tendon):
-        return "m"
+        return fmu_unit(model.chambers[index[0]].law_unit(index[-1]))
+    if field == "joint_gain":
+        return fmu_unit(model.chambers[index[0]].gain_unit)
     columns = UNIT[field].split(", ")
     if field == "valve":
         columns = [unit.replace("Pa", model.chambers[index[0]].unit) for unit in columns]

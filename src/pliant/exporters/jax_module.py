@@ -22,7 +22,8 @@ from pliant.exporters.registry import Exporter
 from pliant.files import write_text
 from pliant.identification.parameters import apply, kind_of
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Model
+from pliant.model import Model
+from pliant.model.actuation_input import ActuationInput
 from pliant.model.extensible import tied_joints
 from pliant.model.features import ALL, FIRST_ORDER, VALVES
 from pliant.model.parts import declared
@@ -135,7 +136,7 @@ def table(values: Array) -> str:
     return f"np.array({values.tolist()!r}, dtype=float).reshape({values.shape!r})"
 
 
-def chamber_kinds(chambers: tuple[Chamber, ...]) -> tuple[Any, ...]:
+def chamber_kinds(chambers: tuple[ActuationInput, ...]) -> tuple[Any, ...]:
     """Return the inputs grouped by the kind of their torque: indices, law, lag, inflation and Gent's wall."""
     kinds: dict[tuple[Any, ...], list[int]] = {}
     for i, c in enumerate(chambers):

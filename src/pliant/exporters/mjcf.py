@@ -40,7 +40,7 @@ from pliant.exporters.rigid_chain import (
 )
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Model, Tendon
+from pliant.model import Chamber, Model
 from pliant.simulation.state import equilibrium
 from pliant.text import identifiers
 
@@ -351,7 +351,7 @@ def actuators(root: ET.Element, model: Model, prefix: str, time_step: float, hig
         chamber, tendon, _ = several[c]
         valve, gain = chamber.valve, chamber.torque[power - 1] * LEVEL ** (power - 1)
         words = {"gainprm": number(gain), "biastype": "none", "gaintype": "fixed", "dyntype": "none"}
-        if isinstance(chamber, Tendon):
+        if chamber.signs:
             words |= of_tendon(chamber)
         if levels[c] > 0:
             lowest = -levels[c] if "biasprm" in words else 0.0
@@ -372,7 +372,7 @@ def finest_step(model: Model, time_step: float) -> float:
     return float(f"{min(max(time_step / FINER, longest / MOST_KEPT), time_step):.3g}")
 
 
-def of_tendon(tendon: Tendon) -> dict[str, str]:
+def of_tendon(tendon: Any) -> dict[str, str]:
     """Return the MJCF attributes of a tendon's actuator. An elastic tendon pulls with the force T_0 + k (u - length),
     with its pretension T_0, its stiffness k and the control u. For any other tendon the control is the tension.
 

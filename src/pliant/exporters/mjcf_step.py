@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Tendon
+from pliant.model import Model
 
 Array = np.ndarray
 USUAL = 1e-3  # s
@@ -50,8 +50,7 @@ def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
     remembering = joints < mechanics.remembering
     K[joints, joints] = stiffness * (1.0 + sum(h.share for h in hidden) * remembering)
     for tendon, lever in zip(model.chambers, model.actuation.gain, strict=True):
-        if isinstance(tendon, Tendon):
-            K[:n, :n] += tendon.line_stiffness * np.outer(lever, lever)
+        K[:n, :n] += tendon.line_stiffness * np.outer(lever, lever)
     for b, (share, time, inertia) in enumerate(moving):
         own, spring = joints + (b + 1) * n, share * stiffness * remembering
         M[own, own], D[own, own], K[own, own] = np.where(remembering, inertia, 1.0), spring * time, spring

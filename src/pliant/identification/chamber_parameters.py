@@ -11,7 +11,7 @@ import numpy as np
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
 from pliant.identification.names import INPUT_MEANS, LAW, declarations, families, find_path, path_of, paths
-from pliant.model import Chamber, Model, Tendon
+from pliant.model import ActuationInput, Chamber, Model
 from pliant.model.parts import CHAMBER, TENDON, VALVE, fitted
 from pliant.model.torque_law import laid_torque, torque_laws
 
@@ -45,7 +45,7 @@ def prefixes(model: Model) -> tuple[str, ...]:
     return tuple(f"{name}." for name in owners(model)) or ("",)
 
 
-def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber, ...]:
+def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[ActuationInput, ...]:
     """Return the model's chambers with the parameter `values` applied. ``chamber.name`` overrides ``name``.
 
     In a model of several chambers, a gain applies only with its chamber's name.
@@ -67,7 +67,7 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Chamber
     return tuple(changed)
 
 
-def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Any]:
+def chamber_changes(chamber: ActuationInput, values: Mapping[str, float]) -> dict[str, Any]:
     """Return a chamber's changed fields under the parameter `values`, as a dict for `dataclasses.replace`."""
     changes: dict[str, Any] = {}
     moved, powers = {}, {}
@@ -90,13 +90,13 @@ def chamber_changes(chamber: Chamber, values: Mapping[str, float]) -> dict[str, 
         for k, value in powers.items():
             law[k - 1] = value
         changes |= {"law": POLYNOMIAL, "torque": law}
-    changes |= {} if isinstance(chamber, Tendon) else laid_torque(values)
+    changes |= {} if chamber.signs else laid_torque(values)
     if moved:
         changes["valve"] = replace(chamber.valve, **moved)
     return changes
 
 
-def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
+def changed_gains(chamber: ActuationInput, values: Mapping[str, float]) -> dict[str, Array]:
     """Return a chamber's changed gains at its n joints, as a dict of arrays (n,) by field name; {} if none changes. A
     parameter in `values` sets the gain of a single joint, or scales all gains to a given mean.
     """
@@ -116,7 +116,7 @@ def changed_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Ar
     return changes
 
 
-def turned_gains(chamber: Chamber, values: Mapping[str, float]) -> dict[str, Array]:
+def turned_gains(chamber: ActuationInput, values: Mapping[str, float]) -> dict[str, Array]:
     """Return a chamber's gains at n joints about both bending axes, as a dict of arrays (n,) by field name. They are
     scaled so that their means are ``gain_x`` and ``gain_y``.
 
@@ -163,24 +163,24 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
             )
 
 
-def check_effect(name: str, own: str, chambers: Sequence[Chamber]) -> None:
+def check_effect(name: str, own: str, chambers: Sequence[ActuationInput]) -> None:
     """Raise InputError if a parameter, called `own` without the name of its owner, belongs to the law of a chamber or
     tendon, but has no effect on any of `chambers`. `name` is its full name.
     """
     if not of_chamber(own) or any(has_effect(own, c) for c in chambers):
         return
-    who = " and ".join(f"{c.name!r}, a {'tendon' if isinstance(c, Tendon) else 'chamber'} driven by its {c.kind}"
+    who = " and ".join(f"{c.name!r}, a {c.noun} driven by its {c.kind}"
                        for c in chambers)  # fmt: skip
     known = [n for n in (*fitted(TENDON), "torque_<k>") if any(has_effect(n.replace("<k>", "1"), c) for c in chambers)]
     raise InputError(f"parameter {name}: {own} has no effect on {who}: use {', '.join(known)}")
 
 
-def has_effect(own: str, chamber: Chamber) -> bool:
+def has_effect(own: str, chamber: ActuationInput) -> bool:
     """Return whether a parameter changes the law of a pressure chamber or of a tendon."""
     path = path_of(own)
-    if not isinstance(chamber, Tendon):
-        return path.part is not TENDON
-    return path.part is VALVE or path.stem in GAINS or (path.part is TENDON and chamber.uses(path.field))
+    if path.part is VALVE or path.stem in GAINS:
+        return True
+    return chamber.uses(path.field) if path.part in (CHAMBER, TENDON) else not chamber.signs
 
 
 def of_chamber(own: str) -> bool:
@@ -205,7 +205,7 @@ def held_gains(parameters: Iterable[Named], model: Model) -> tuple[str, ...]:
     return tuple(start for start, chamber in pairs if shares_scale(listed, chamber, start, several=several))
 
 
-def shares_scale(listed: Mapping[str, Named], chamber: Chamber, start: str, *, several: bool) -> bool:
+def shares_scale(listed: Mapping[str, Named], chamber: ActuationInput, start: str, *, several: bool) -> bool:
     """Return whether a chamber's joint gains and its torque law's scale are all free, so that only their product is
     determined.
     """

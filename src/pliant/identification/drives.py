@@ -11,7 +11,7 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.identification.experiment import Experiment, leading
 from pliant.identification.names import path_of
-from pliant.model import Model, Tendon
+from pliant.model import Model
 from pliant.recording.inputs import RecordedInput, recorded_inputs
 from pliant.recording.rules import INPUT_UNITS
 from pliant.simulation import Pulse, Trace
@@ -236,7 +236,7 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
 def named(model: Model, places: Sequence[int], *, first: bool = False) -> str:
     """Return the kind and names of the model inputs at the indices `places` as text, such as "tendon m2"."""
     inputs = [model.chambers[k] for k in places]
-    kinds = {"tendon" if isinstance(one, Tendon) else "chamber" for one in inputs}
+    kinds = {one.noun for one in inputs}
     what = kinds.pop() if len(kinds) == 1 else "input"
     what = what.capitalize() if first else what
     return f"{what}{'s' * (len(inputs) > 1)} {' and '.join(one.name for one in inputs)}"

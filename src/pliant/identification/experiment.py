@@ -17,7 +17,7 @@ from pliant.identification.parameters import Parameter, for_record
 from pliant.identification.starts import AtRest, check_start
 from pliant.preprocessing.detectors import without_spikes
 from pliant.shapes import Float
-from pliant.simulation import Trace
+from pliant.simulation import BaseMotion, Trace
 from pliant.simulation.forces import PointForce, checked
 
 Array = np.ndarray
@@ -98,6 +98,9 @@ class Experiment(Shown):
     further : dict
         Measured values of other kinds, `FurtherRows`, by the variable of their kind in a recording, see
         `equations.observation.KINDS`.
+    base : BaseMotion or None
+        Prescribed motion of the base, on the clock of the frames; positions and angles are relative to the moved base.
+        None: the base rests.
     x_sign : {1, -1}
         -1 where the base frame is turned by pi about the base tangent against the recording's own axes.  # D4
     start : AtRest
@@ -136,6 +139,7 @@ class Experiment(Shown):
     drives: Mapping[str, Trace] = field(default_factory=dict)
     input_kinds: Mapping[str, str] = field(default_factory=dict)
     further: Mapping[str, FurtherRows] = field(default_factory=dict)
+    base: BaseMotion | None = None
     x_sign: int = 1
     start: AtRest = field(default_factory=AtRest)
     warm_up: float = 0.0
@@ -308,6 +312,7 @@ class Experiment(Shown):
         return replace(
             self, position=self.position * mirror, angle=None if self.angle is None else -self.angle,
             held=None if self.held is None else self.held * mirror, forces=forces,
+            base=None if self.base is None else self.base.mirrored(),
         )
 
     @cached_property

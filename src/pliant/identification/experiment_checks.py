@@ -20,6 +20,7 @@ def check_experiment(exp: Any) -> None:
     check_further(exp)
     check_poses(exp)
     check_warm_up(exp)
+    check_base_motion(exp)
     if exp.drives:
         check_drives(exp)
 
@@ -93,6 +94,25 @@ def check_poses(exp: Any) -> None:
             f"experiment {exp.name}: poses need a body in space under measured inputs (excitation 'trace'), without "
             "forces and own_places: change what differs, or leave out poses"
         )
+
+
+def check_base_motion(exp: Any) -> None:
+    """Raise InputError if the motion of the base of an experiment has another dimension than its positions, does not
+    cover its frames, or belongs to a release or settled poses.
+    """
+    base = exp.base
+    if base is None:
+        return
+    if base.dimension != exp.dimension:
+        raise InputError(f"experiment {exp.name}: the motion of the base has {base.dimension} coordinates, but the "
+                         f"positions have {exp.dimension}: give both in the same frame")
+    if exp.excitation == "release" or exp.poses:
+        raise InputError(f"experiment {exp.name}: the base moves, which is for a motion under inputs, not for a "
+                         "release or poses: leave out the motion of the base, or align with remove_base_motion")
+    if exp.time[0] < base.time[0] or exp.time[-1] > base.time[-1]:
+        raise InputError(f"experiment {exp.name}: the pose of the base is known from {base.time[0]:.6g} to "
+                         f"{base.time[-1]:.6g} s only, but the frames run from {exp.time[0]:.6g} to {exp.time[-1]:.6g} "
+                         "s: cut the recording to this time by window")
 
 
 def check_warm_up(exp: Any) -> None:

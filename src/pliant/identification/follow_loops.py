@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pliant.equations.base import begin_step, end_step
 from pliant.equations.chamber import share_out
 from pliant.equations.contact import add_link_loads
 from pliant.equations.elastic import follows
@@ -29,6 +30,7 @@ class Course(NamedTuple):
     gain: np.ndarray  # (C, n) factor on that torque at each joint
     keep: np.ndarray  # (steps,) row of the output after the step, negative: none
     load: np.ndarray  # (steps, n, 2) N m, mean loads of the links by known forces; no rows where there are none
+    base: np.ndarray  # (steps, 5), in space (steps, 6), motion of the base, see `base.begin_step`; no rows at rest
 
 
 class Before(NamedTuple):
@@ -73,6 +75,8 @@ def follow(phi, w, course, before, chain, work, seen, past=None):
         relax(phi, joints, past)
     for k in range(len(course.h)):
         h = course.h[k]
+        if len(course.base) > 0:
+            begin_step(course.base[k], w, body, joints)
         take_torques(k, phi, w, course, body, joints, work)
         if past is None:  # Numba compiles one of the two branches
             step(phi, w, h, work.tau, body, joints, work)
@@ -82,6 +86,8 @@ def follow(phi, w, course, before, chain, work, seen, past=None):
                 return k
         if not follows(phi, w, h, joints):
             return k
+        if len(course.base) > 0:
+            end_step(course.base[k], phi, w, body, joints)
         if course.keep[k] >= 0:
             observe(phi, joints.base_angle, seen.places, seen.rows[course.keep[k] - 1 + before.rows])
     return -1

@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.compiler.choose import dual_twin, twin
 from pliant.equations.memory import follow_change
-from pliant.equations.symbols import ExtensibleHeld, Past
+from pliant.equations.symbols import ExtensibleHeld, Past, SpatialBody
 from pliant.identification import follow_loops
 from pliant.identification.follow_loops import Before, Course, Seen
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
@@ -79,12 +79,13 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
     """
     model, chain = forward.model, mechanics_of(forward.model)
     n, *more = chain.sizes
+    numbers = with_own_spin(numbers, kind)
     check_lengths(chain, x=kind.value(numbers.phi), torque=kind.value(numbers.gain))
     rows = rows if forward.between is None else forward.between[0].size
     work = in_kind(chain.workspace(), kind)
     places = places_of(forward, numbers, kind)
     out: Array = kind.of(np.zeros((rows, forward.carrier.size, 3)))
-    course = Course(numbers.h, numbers.torque, numbers.gain, forward.keep, numbers.load)
+    course = Course(numbers.h, numbers.torque, numbers.gain, forward.keep, numbers.load, numbers.base)
     before = Before(forward.still, numbers.held, numbers.held_base)
     past: tuple[Past, ...] = ()
     if model.memory:
@@ -99,6 +100,15 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
         h, phi = kind.value(numbers.h), kind.value(numbers.phi)
         raise too_fast(float(np.sum(h[: failed + 1])), float(h[failed]), state.given_way(model, phi))
     return out
+
+
+def with_own_spin(numbers: Numbers, kind: NumberKind) -> Numbers:
+    """Return the simulation inputs with arrays of their own for the spin of a moving base, which the loop writes to."""
+    if not len(numbers.base):
+        return numbers
+    if isinstance(numbers.body, SpatialBody):
+        return numbers._replace(body=numbers.body._replace(spin=kind.of(np.zeros((2, 3)))))
+    return numbers._replace(joints=numbers.joints._replace(spin=kind.of(np.zeros(2))))
 
 
 def initial_hysteresis(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> Array:

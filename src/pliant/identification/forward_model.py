@@ -20,9 +20,11 @@ from pliant.identification.starts import StartState
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station, fixed_length
 from pliant.simulation import Pulse, equilibrium
+from pliant.simulation.base_motion import check_base, resting_load
 from pliant.simulation.drive import Drive, driven, laid_out
 from pliant.simulation.drive import drive as drive_of
-from pliant.simulation.forces import loads_at, mean_loads
+from pliant.simulation.forces import loads_at
+from pliant.simulation.initial_value import loads_and_base
 from pliant.simulation.memory import laws_of
 
 if TYPE_CHECKING:
@@ -51,6 +53,9 @@ def forward_problem(
     """
     params = {**for_record(values, exp.name), **exp.known}
     plans = Plans() if plans is None else plans
+    if exp.base is not None and not model.moving_base:
+        check_base(model, exp.base)
+        model = model.with_(moving_base=True)
     model_at = plans.at(model, params)
     m = model_at.model
     times, between = output_times(exp, params)
@@ -59,14 +64,14 @@ def forward_problem(
     if exp.poses:
         return poses_problem(model_at, exp, params)
     plan = actuation_steps(m, exp, params, times, time_step, plans) if drive is None else drive
-    before = loads_at(m, exp.forces, float(times[0])) if exp.forces else None
+    before = load_at_start(m, exp, float(times[0]))
     if rest is None:
         start = exp.start.state(model_at, exp, params, plan.initial, before, plans)
     else:
         start = StartState(mechanics_of(m).coordinates(rest), np.zeros(mechanics_of(m).size))
     numbers = forward_numbers(model_at, exp, params, plan, (start.x, start.x), (m.base_angle, m.base_angle))
     numbers = numbers._replace(chambers=model_at.chambers(plan.initial), rate=start.rate)
-    numbers = with_loads(numbers, m, exp, float(times[0]), before)
+    numbers = with_loads(numbers, m, exp, float(times[0]), before, params.get("latency", 0.0))
     acting = plan.pressure if between is None else plan.pressure[between[1]]
     forward = ForwardProblem(
         numbers, plan.keep, 1, carriers(model_at, exp), m, acting, exp.start.from_rest, drive=plan, between=between,
@@ -245,7 +250,8 @@ def forward_numbers(
         held=angles[0], held_base=base[0], phi=angles[1], rate=np.zeros(len(angles[1])), h=plan.h, torque=plan.torque,
         gain=np.array(model.actuation.columns), chambers=np.zeros((0, 0)),
         torque_before=model_at.torque_before(plan.initial),
-        load=np.zeros((0, *mechanics_of(model).no_loads().shape)), load_before=loads_at(model, (), 0.0),
+        load=np.zeros((0, *mechanics_of(model).no_loads().shape)), base=np.zeros((0, 5)),
+        load_before=loads_at(model, (), 0.0),
         body=model_at.body, joints=model_at.joints._replace(base_angle=base[1]), memory=model_at.memory,
         along=along, across=across, aside=aside, shift=shift_of(params, exp),
         sensor_lag=repeated(lags, exp.framed) if lags.size else lags,
@@ -276,15 +282,29 @@ def reattached(forward: ForwardProblem, numbers: Numbers) -> Numbers:
     return numbers._replace(along=along, across=across, aside=aside)
 
 
-def with_loads(numbers: Numbers, model: Model, exp: Experiment, first: float, before: Array | None = None) -> Numbers:
-    """Return the simulation inputs `numbers` with the link loads of the experiment's known forces in each time step.
-    The first step begins at `first` [s].
+def load_at_start(model: Model, exp: Experiment, first: float) -> Array | None:
+    """Return the loads [N m] on the links under which a body rests before the first frame, at `first` [s]: those of
+    known forces and of the first pose of a moving base; None if there are none.
     """
-    if not exp.forces or not numbers.h.size:
+    load = loads_at(model, exp.forces, first) if exp.forces else None
+    if exp.base is None:
+        return load
+    turned = resting_load(mechanics_of(model), exp.base, float(exp.time[0]))
+    return turned if load is None else load + turned
+
+
+def with_loads(
+    numbers: Numbers, model: Model, exp: Experiment, first: float, before: Array | None = None, latency: float = 0.0,
+) -> Numbers:
+    """Return the simulation inputs `numbers` with the link loads of the experiment's known forces, and the motion of
+    its base, in each time step. The first step begins at `first` [s] on the clock of the inputs. The poses of the base
+    are on that of the frames, which is `latency` [s] late.
+    """
+    if (not exp.forces and exp.base is None) or not numbers.h.size:
         return numbers
     nodes = first + np.append(0.0, np.cumsum(numbers.h))
-    loads = mean_loads(model, exp.forces, nodes)
-    return numbers._replace(load=loads, load_before=numbers.load_before if before is None else before)
+    load, base = loads_and_base(model, exp.forces, exp.base, nodes, latency)
+    return numbers._replace(load=load, base=base, load_before=numbers.load_before if before is None else before)
 
 
 def observed_points(model_at: ModelAt, exp: Experiment) -> list[Station]:

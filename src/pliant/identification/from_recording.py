@@ -15,8 +15,9 @@ from pliant.identification.edges import held_pose
 from pliant.identification.experiment import Excitation, Experiment, FurtherRows
 from pliant.identification.starts import Moving, begins_in_motion
 from pliant.preprocessing.side import x_sign
+from pliant.recording.base_pose import CUTOFF, base_moves
 from pliant.recording.schema import check_recording, recorded_further
-from pliant.simulation import Trace
+from pliant.simulation import BaseMotion, Trace
 from pliant.simulation.forces import PointForce
 
 Array = np.ndarray
@@ -114,6 +115,7 @@ def experiment(
         angles_alone=angles == "only" or "position" not in recording, drives=drives,
         own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording), warm_up=warm_up,
         further={name: FurtherRows(*both) for name, both in recorded_further(recording, used).items()},
+        base=base_of(recording),
     )
     if start == "moving" or (start is None and begins_in_motion(exp)):
         exp = replace(exp, start=Moving())
@@ -124,6 +126,15 @@ def one_pose(recording: xr.Dataset) -> xr.Dataset:
     """Return the recording of a body at rest as a single row, the median of the recorded positions."""
     first = recording.isel(time=slice(0, 1))
     return first.assign(position=(first["position"].dims, recording["position"].median("time").values[None]))
+
+
+def base_of(recording: xr.Dataset) -> BaseMotion | None:
+    """Return the motion of the base that a recording holds as an input; None if it holds none."""
+    if not base_moves(recording):
+        return None
+    turn = {name: recording[f"base_{name}"].values for name in ("angle", "quaternion") if f"base_{name}" in recording}
+    return BaseMotion(recording.time.values, recording["base_position"].values, **turn,
+                      cutoff=recording.attrs.get(CUTOFF))  # fmt: skip
 
 
 def recorded_places(recording: xr.Dataset, stations: tuple[str, ...]) -> Array:

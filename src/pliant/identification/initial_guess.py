@@ -28,7 +28,7 @@ from pliant.identification.parameters import (
 from pliant.identification.space_parameters import space_start
 from pliant.identification.torque_start import extension_starts, highest_level, torque_starts, typical_sizes
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Station, Tendon
+from pliant.model import Model, Station
 from pliant.model.parts import TENDON, fitted
 from pliant.model.torque_law import unfinished_law
 from pliant.numerics.ringdown import LEAST_SWING, RingDown, ring_down
@@ -242,8 +242,8 @@ def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str,
         highest = max([abs(t.peak) for t in driven], default=highest_level(experiments))
         found |= {f"{start}{k}": v for k, v in chamber_guess(highest).items()}
         found[f"{start}gain"] = float(chamber.joint_gain.mean())
-        if isinstance(chamber, Tendon):
-            found |= {f"{start}{name}": float(getattr(chamber, field)) for name, field in fitted(TENDON).items()}
+        found |= {f"{start}{name}": float(getattr(chamber, field)) for name, field in fitted(TENDON).items()
+                  if chamber.signs}  # fmt: skip
         for field in ("joint_gain", "cross_gain"):
             gains = np.broadcast_to(getattr(chamber, field), model.n)
             found |= {f"{start}{field}_{i + 1}": float(a) for i, a in enumerate(gains)}

@@ -11,7 +11,7 @@ from pliant.model import Model
 from pliant.simulation.drive import Drive
 
 Array = np.ndarray
-APART = ("h", "torque", "load", "chambers")  # entries of `Numbers` that most forward problems of a fit share
+APART = ("h", "torque", "load", "chambers", "base")  # entries of `Numbers` that most forward problems of a fit share
 
 
 class Numbers(NamedTuple):
@@ -29,6 +29,7 @@ class Numbers(NamedTuple):
     chambers: Any  # (C, k) constants on which the torques depend, one row for each chamber (`row_of`)
     torque_before: Any  # (n,) N m, under which the chain rests at the start
     load: Any  # (steps, n, 2) N m, of known forces; no rows where there are none
+    base: Any  # (steps, 5), in space (steps, 6), motion of the base, see `equations.base`; no rows at rest
     load_before: Any  # (n, 2) N m, under which the chain rests at the start; (n + 1, 4) of a body that lengthens
     body: Any  # `Mechanics.body`
     joints: Joints
@@ -64,7 +65,7 @@ class ForwardProblem(NamedTuple):
 
 def in_one_row(numbers: Numbers) -> Array:
     """Flatten `numbers` to one vector, arrays first, then scalars.
-    Steps, torques, loads and chambers (`APART`) are left out.
+    Steps, torques, loads, chambers and base (`APART`) are left out.
     """
     entries = leaves(numbers)
     arrays = [e.ravel() for e in entries if isinstance(e, Array)]
@@ -73,7 +74,7 @@ def in_one_row(numbers: Numbers) -> Array:
 
 def from_one_row(row: Array, like: Numbers) -> Numbers:
     """Rebuild `Numbers` from the vector that `in_one_row` made.
-    Array shapes, steps, torques, loads and chambers are copied from `like`.
+    Array shapes and the entries of `APART` are copied from `like`.
 
     A matrix `row` (N, W) gives arrays with a last axis of length W.
     """
@@ -94,8 +95,6 @@ def from_one_row(row: Array, like: Numbers) -> Numbers:
 
 
 def leaves(numbers: Numbers) -> list[Any]:
-    """Return the arrays and scalars of `numbers` as a flat list, without steps, torques, loads and
-    chambers (`APART`).
-    """
+    """Return the arrays and scalars of `numbers` as a flat list, without the entries of `APART`."""
     short = (e for n, e in zip(Numbers._fields, numbers, strict=True) if n not in APART)
     return [leaf for e in short for leaf in (e if isinstance(e, tuple) else (e,))]

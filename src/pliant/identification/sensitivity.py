@@ -40,8 +40,8 @@ ProblemAt = Callable[[float, Drive | None], ForwardProblem]
 
 
 class Slope(NamedTuple):
-    """Derivative of all inputs of a simulation (`Numbers`) with respect to one parameter. The derivatives of steps,
-    torques, loads and chambers (`APART`) have fields of their own; `row` holds all others.
+    """Derivative of all inputs of a simulation (`Numbers`) with respect to one parameter. The derivatives of the
+    entries `APART` have fields of their own; `row` holds all others.
 
     An entry of 0 means no change. A torque of None is computed later from the derivatives of `h` and `chambers`.
     """
@@ -51,6 +51,7 @@ class Slope(NamedTuple):
     torque: Any
     load: Any
     chambers: Any
+    base: Any = 0.0
 
 
 def sensitivities(
@@ -135,7 +136,7 @@ def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardPro
     keys share these derivatives; () means that they are not shared.
     """
     own = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
-    if not forward.from_rest or exp.forces or exp.own_places or exp.known or own - {"start", "stop"}:
+    if not forward.from_rest or exp.forces or exp.base or exp.own_places or exp.known or own - {"start", "stop"}:
         return ()
     same = (forward.numbers.torque_before, forward.numbers.phi, forward.numbers.chambers)
     return (exp.stations, exp.angle_reference, exp.framed.tobytes(), *(a.tobytes() for a in same))
@@ -167,7 +168,7 @@ def edge_slope(forward: ForwardProblem, exp: Experiment, values: Mapping[str, fl
     kind, layout = name.removeprefix(f"{exp.name}."), forward.drive.layout if forward.drive else None
     if layout is None or kind not in EDGES or (name == kind and f"{exp.name}.{kind}" in values):
         return None
-    moved = exp.pressure is not None or forward.model.actuation.count > 1 or exp.forces  # more than these steps
+    moved = exp.pressure or forward.model.actuation.count > 1 or exp.forces or exp.base  # more than these steps
     if moved or (layout.jumps[0].size > 1 and np.ptp(layout.jumps[0]) < 2.0 * SHORTEST):  # edges this close interact
         return None
     h = layout.jump_slope(0, EDGES.index(kind))

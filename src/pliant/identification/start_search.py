@@ -22,7 +22,7 @@ from pliant.identification.names import stem_of
 from pliant.identification.optimise import solve
 from pliant.identification.parameters import Parameter, apply, each_joint, shared_name, values_of
 from pliant.identification.problem import Problem
-from pliant.model import Chamber, Model
+from pliant.model import Model
 from pliant.simulation import modes
 
 Array = np.ndarray
@@ -178,7 +178,7 @@ def linear_torques(model: Model, listed: Sequence[Parameter]) -> set[str]:
     """Return the names of free parameters without start value that scale the torques: law coefficients or, if none,
     gains.
     """
-    tendons = {c.name for c in model.chambers if c.kind != Chamber.kind}
+    tendons = {c.name for c in model.chambers if c.signs}
     names = [p.name for p in listed if p.value is None and p.free and p.name.partition(".")[0] not in tendons]
     laws = {name for name in names if stem_of(name) == "torque"}
     return laws or {name for name in names if stem_of(name) in GAINS}

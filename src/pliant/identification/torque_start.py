@@ -17,7 +17,7 @@ from pliant.identification.extension_parameters import ALWAYS
 from pliant.identification.names import path_of, paths
 from pliant.identification.parameters import shared_name
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Model
+from pliant.model import ActuationInput, Model
 from pliant.model.parts import CHAMBER
 from pliant.model.torque_law import law_parameters, torque_laws
 from pliant.numerics.curve import arc_lengths
@@ -57,7 +57,7 @@ def torque_starts(
 
 
 def torque_start(
-    model: Model, pushed: Sequence[Experiment], wanted: set[str], values: Mapping[str, float], chamber: Chamber,
+    model: Model, pushed: Sequence[Experiment], wanted: set[str], values: Mapping[str, float], chamber: ActuationInput,
 ) -> dict[str, float]:
     """Return start values, by name, of one chamber's torque law. The law is fitted to the torques of all plateaus so
     that the relative errors are least.
@@ -87,7 +87,7 @@ def law_starts(wanted: set[str], pressure: Array, torque: Array) -> dict[str, fl
     return {n: v for n, v in begun.items() if n in wanted}
 
 
-def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Chamber) -> float:
+def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: ActuationInput) -> float:
     """Return the torque [N m] of a chamber that displaces the last station by `target` [m; angles:
     rad] in equilibrium.
     """

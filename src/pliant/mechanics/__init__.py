@@ -6,9 +6,9 @@ parameter records of the compiled kernels from `mechanics_of(model)`.
 """
 
 from pliant.errors import InputError
-from pliant.mechanics.contract import Energy as Energy
 from pliant.mechanics.contract import Mechanics as Mechanics
 from pliant.mechanics.planar import PlanarChain as PlanarChain
+from pliant.mechanics.records import Energy as Energy
 from pliant.mechanics.spatial import SpatialChain as SpatialChain
 from pliant.model import Model
 

@@ -1,5 +1,4 @@
-"""The interface `Mechanics` for kinematics, forces and energies of a chain of links, and the records that its methods
-return.
+"""The interface `Mechanics` for kinematics, forces and energies of a chain of links.
 
 Coordinates x (N,) and rates v (N,) are those of the kernels. Users see joint coordinates q (N,): joint angles from the
 rest shape, followed by the strains of segments that lengthen.
@@ -9,39 +8,19 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property, partial
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
 from pliant.compiler.trace import CURVED, REMEMBERS
 from pliant.equations.symbols import Sight, StepSlopes
 from pliant.mechanics.complex_slopes import complex_slopes
+from pliant.mechanics.reaction import BaseTwist
+from pliant.mechanics.records import CoordinateKind, Energy
 from pliant.model import Model, Station
 from pliant.shapes import Float, Inexact
 
 Array = np.ndarray
-
-
-class Energy(NamedTuple):
-    """Kinetic, elastic and gravitational energy [J] of an actuator, at one instant or at T instants as arrays (T,)."""
-
-    kinetic: Any
-    elastic: Any
-    gravity: Any
-
-
-class CoordinateKind(NamedTuple):
-    """A group of coordinates of the same kind, such as all joint angles or all strains, with their units and dataset
-    names.
-    """
-
-    over: str  # dimension of datasets: "joint", "segment"
-    noun: str  # name of one coordinate, in messages
-    labels: list[Any]  # along that dimension
-    rows: slice  # of coordinates, rates and generalised forces (N,)
-    names: tuple[str, str, str, str]  # variables: coordinate, rate, disturbance, external force
-    units: tuple[str, str, str]  # of coordinate, rate and force
-    lever: Array  # (k,) generalised force [N m] of one unit of this force
 
 
 class Mechanics(ABC):
@@ -397,6 +376,26 @@ class Mechanics(ABC):
         T instants.
 
         A point force (dimension,) acts at each of the `points`.
+        """
+
+    @abstractmethod
+    def uniform_loads(self, field: Float[Array, "T d"]) -> Array:
+        """Return the loads on the links [N m] of a uniform field (T, 2 or 3) [m/s^2], like gravity, at T instants."""
+
+    @abstractmethod
+    def with_own_base(self) -> Self:
+        """Return the same chain with arrays of its own for the spin of its base, which kernels may write to."""
+
+    @abstractmethod
+    def base_weight(self, base: BaseTwist) -> Float[Array, "T d"]:
+        """Return gravity less the acceleration that the base gives to all links (T, 2 or 3) [m/s^2], in its axes."""
+
+    @abstractmethod
+    def reaction(
+        self, x: Float[Array, "T N"], v: Float[Array, "T N"], a: Float[Array, "T N"], base: BaseTwist,
+    ) -> tuple[Float[Array, "T d"], Float[Array, "T m"]]:
+        """Return the force (T, 2 or 3) [N] and the moment (T, 1 or 3) [N m] about the origin that the moving base
+        exerts on the body, in the axes of the base. Rates v and accelerations a are relative to the base.
         """
 
     @abstractmethod

@@ -28,9 +28,11 @@ from pliant.equations.symbols import (
 )
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
-from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
+from pliant.mechanics.contract import Mechanics
 from pliant.mechanics.frames import LinkFrames, link_coordinates
 from pliant.mechanics.lengths import check_lengths
+from pliant.mechanics.reaction import BaseTwist, planar_reaction, point_carried
+from pliant.mechanics.records import CoordinateKind, Energy
 from pliant.mechanics.rest import loaded_rest
 from pliant.model import Station, fixed_length
 from pliant.model.extensible import extensible_inertia
@@ -321,10 +323,24 @@ class PlanarChain(Mechanics):
             total += np.concatenate([along, across], axis=-1) if self.segments else along + across
         return total
 
+    def with_own_base(self) -> PlanarChain:
+        return self.with_constants(self.body, self.joints._replace(spin=np.zeros(2)))
+
+    def base_weight(self, base: BaseTwist) -> Array:
+        arm = np.broadcast_to(point_carried(self), base.gravity.shape)
+        turned = np.stack([-arm[:, 1], arm[:, 0]], axis=1) * base.turning[:, None] - arm * (base.rate**2)[:, None]
+        return np.asarray(base.gravity - base.acceleration - turned)
+
+    def reaction(self, x: Array, v: Array, a: Array, base: BaseTwist) -> tuple[Array, Array]:
+        return planar_reaction(self, x, v, a, base)
+
+    def uniform_loads(self, field: Array) -> Array:
+        load = self.body.h[:, None] * field[:, None]
+        return np.pad(load, ((0, 0), (0, 0), (0, self.no_loads().shape[1] - 2)))
+
     def weight(self) -> Array:
         """Return gravity as loads on the links [N m], in the same shape as external loads (`no_loads`)."""
-        load = np.outer(self.body.h, [self.body.gx, self.body.gy])
-        return np.pad(load, ((0, 0), (0, self.no_loads().shape[1] - 2)))
+        return np.asarray(self.uniform_loads(np.array([[self.body.gx, self.body.gy]]))[0])
 
     def load_forces(self, x: Array, load: Array) -> Array:
         if not self.segments:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.compiler.trace import CURVED, spatial_workspace
+from pliant.compiler.trace import CURVED, TURNS, spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.poses import settle
@@ -22,8 +22,10 @@ from pliant.equations.symbols import SpatialBody, SpatialHeld, SpatialJoints, Sp
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import TINY, of_kind
-from pliant.mechanics.contract import CoordinateKind, Energy, Mechanics
+from pliant.mechanics.contract import Mechanics
 from pliant.mechanics.lengths import check_lengths, input_length
+from pliant.mechanics.reaction import BaseTwist, spatial_reaction
+from pliant.mechanics.records import CoordinateKind, Energy
 from pliant.mechanics.rest import BUCKLES, GROWING, settling
 from pliant.model import Model, Space, Station
 from pliant.model.extensible import tied_joints
@@ -65,7 +67,7 @@ class SpatialChain(Mechanics):
         rest = np.array([rotation(v) for v in space.rest_of(self.n)])
         base = rotation(space.base_tilt)
         tendons = model.actuation.levers, *model.actuation.tendon_constants, self._beyond()
-        behind = *tendons, np.array(model.stretch_share)
+        behind = *tendons, np.array(model.stretch_share), np.zeros((2 if model.moving_base else 0, 3))
         return SpatialBody(self.length, *link_inertias(model, space.radius), rest, base, gx, gy, gz, *behind)
 
     def _beyond(self) -> Array:
@@ -114,7 +116,8 @@ class SpatialChain(Mechanics):
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.levers), self.axial_laws
+        laws = self.axial_laws + TURNS * self.model.moving_base
+        return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.levers), laws
 
     # coordinates
 
@@ -297,6 +300,21 @@ class SpatialChain(Mechanics):
         for f, p in enumerate(points):
             total[:, p.link + 1] += forces[:, f, :, None] * np.array([p.aside, -p.across, p.along, 1.0, 0.0])
         return total
+
+    def uniform_loads(self, field: Array) -> Array:
+        total = np.zeros((len(field), *self.no_loads().shape))
+        weight = self.body.mass[:, None] * field[:, None]
+        total[:, 1:, :, 2], total[:, 1:, :, 3] = self.body.centre[:, None] * weight, weight
+        return total
+
+    def with_own_base(self) -> SpatialChain:
+        return self.with_constants(self.body._replace(spin=np.zeros((2, 3))), self.joints)
+
+    def base_weight(self, base: BaseTwist) -> Array:
+        return base.gravity - base.acceleration
+
+    def reaction(self, x: Array, v: Array, a: Array, base: BaseTwist) -> tuple[Array, Array]:
+        return spatial_reaction(self, x, v, a, base)
 
     def load_forces(self, x: Array, load: Array) -> Array:
         kind = np.result_type(x, load, self.body.base, self.body.rest, self.length)

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from pliant.model.actuation import Actuation
+from pliant.model.actuation_input import ActuationInput
 from pliant.model.build import chain_model
 from pliant.model.chamber import Chamber
 from pliant.model.extensible import fixed_length
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
     from pliant.model.file import load_model, save_model
 
 __all__ = [
-    "Actuation", "Chamber", "Extension", "Memory", "Model", "Space", "Station", "Tendon", "Valve", "chain_model",
-    "fixed_length", "load_model", "payne", "save_model", "springpot",
+    "Actuation", "ActuationInput", "Chamber", "Extension", "Memory", "Model", "Space", "Station", "Tendon", "Valve",
+    "chain_model", "fixed_length", "load_model", "payne", "save_model", "springpot",
 ]
 
 

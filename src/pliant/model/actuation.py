@@ -12,9 +12,9 @@ import numpy as np
 from pliant.equations import symbols
 from pliant.equations.laws import POLYNOMIAL
 from pliant.errors import InputError
+from pliant.model.actuation_input import ActuationInput
 from pliant.model.chamber import Chamber
 from pliant.model.checks import check_names
-from pliant.model.tendon import Tendon
 from pliant.shapes import Float
 from pliant.text import listed
 
@@ -36,7 +36,7 @@ class Actuation:
 
     Attributes
     ----------
-    inputs : tuple of Chamber
+    inputs : tuple of ActuationInput
         The law of each input, in the order of the input values.
     joints : int
     segment_length : tuple of float
@@ -47,7 +47,7 @@ class Actuation:
         Coordinates of each joint: 1 in a plane, 2 or 3 in space.
     """
 
-    inputs: tuple[Chamber, ...]
+    inputs: tuple[ActuationInput, ...]
     joints: int
     segment_length: tuple[float, ...] = ()
     segment_joints: tuple[tuple[int, ...], ...] = ()
@@ -110,24 +110,23 @@ class Actuation:
         joints = np.stack([np.broadcast_to(c.joint_gain, (self.joints,)) for c in self.inputs])
         if self.turns > 1:
             across = np.stack([np.broadcast_to(c.cross_gain, (self.joints,)) for c in self.inputs])
-            lever = [np.broadcast_to(c.distance() if isinstance(c, Tendon) else 1.0, self.joints) for c in self.inputs]
+            lever = [np.broadcast_to(c.distance(), self.joints) for c in self.inputs]
             bent = (np.stack(lever)[..., None] * np.stack([joints, across], axis=-1)).reshape(self.count, -1)
             joints = np.pad(bent, ((0, 0), (0, (self.turns - 2) * self.joints)))
         if not self.segment_length:
             return joints
-        axial = np.stack([self.axial_gains(c) for c in self.inputs])
+        axial = np.stack([c.axial_gains(self.joints, self.segment_joints) for c in self.inputs])
         return np.hstack([joints, axial * self.segment_length])
 
     @cached_property
     def tendons(self) -> tuple[int, ...]:
         """Indices of those inputs that pull a tendon or a pair of tendons."""
-        return tuple(i for i, c in enumerate(self.inputs) if isinstance(c, Tendon))
+        return tuple(i for i, c in enumerate(self.inputs) if c.signs)
 
     @cached_property
-    def _cords(self) -> list[tuple[int, Tendon, float]]:
+    def _cords(self) -> list[tuple[int, Any, float]]:
         """Index and input of each tendon, and its sign: -1 for the second of a pair, which is let out, else 1."""
-        each = [(i, c) for i, c in enumerate(self.inputs) if isinstance(c, Tendon)]
-        return [(i, c, sign) for i, c in each for sign in ((1.0, -1.0) if c.pair else (1.0,))]
+        return [(i, c, sign) for i, c in enumerate(self.inputs) for sign in c.signs]
 
     @cached_property
     def levers(self) -> Float[Array, "R N"]:
@@ -162,35 +161,6 @@ class Actuation:
         for r, (i, _, sign) in enumerate(self._cords):
             drawn[i, r] = sign
         return np.hstack([gain, drawn])
-
-    def axial_gains(self, chamber: Chamber) -> Float[Array, " S"]:
-        """Return the axial force of one input on each of S extensible segments, divided by the input's torque: an array
-        (S,) [1/m].
-
-        For tendons see `drawn_in`.
-        """
-        if isinstance(chamber, Tendon):
-            return self.drawn_in(chamber)
-        turned = np.broadcast_to((chamber.joint_gain != 0) | (chamber.cross_gain != 0), (self.joints,))
-        gain = chamber.axial_gain
-        if gain.size == 1 and turned.any():
-            return np.array([gain[0] * turned[list(inside)].any() for inside in self.segment_joints])
-        return np.broadcast_to(gain, (len(self.segment_length),))
-
-    def drawn_in(self, tendon: Tendon) -> Float[Array, " S"]:
-        """Return the axial force of a tendon on each of S extensible segments, divided by its tension: -1 where it
-        spans the whole segment.
-
-        A tendon runs from the base to the last joint that it turns. The value of a segment is minus the fraction of its
-        joints up to there. For a segment without joints it is -1 if the tendon turns a joint beyond it.
-        """
-        part, before = np.zeros(len(self.segment_length)), -1
-        turned = np.broadcast_to((tendon.joint_gain != 0) | (tendon.cross_gain != 0), (self.joints,))
-        last = int(np.flatnonzero(turned).max(initial=-1))
-        for s, inside in enumerate(self.segment_joints):
-            part[s] = np.mean([k <= last for k in inside]) if inside else float(last > before)
-            before = max([before, *inside])
-        return -part
 
     @property
     def remembers(self) -> bool:
@@ -272,7 +242,7 @@ class Actuation:
         return np.stack([c.rest_state(p) for c, p in zip(self.inputs, self.pressures(pressure), strict=True)])
 
 
-def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamber, ...]:
+def chambers_of(values: dict[str, Any], given: Sequence[ActuationInput]) -> tuple[ActuationInput, ...]:
     """Return the chambers of a model as a tuple: those in `given` or, if it is empty, one with the parameters `values`.
 
     Raises
@@ -287,7 +257,7 @@ def chambers_of(values: dict[str, Any], given: Sequence[Chamber]) -> tuple[Chamb
         )
     if given:
         made = tuple(given)
-        if not all(isinstance(c, Chamber) for c in made):
+        if not all(isinstance(c, ActuationInput) for c in made):
             raise InputError(f"chambers must be Chamber objects, got {given!r:.80}")
         check_names("chambers", [c.name for c in made])
         return made

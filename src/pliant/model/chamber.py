@@ -6,23 +6,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
-from pliant.equations import chamber, laws, symbols
+from pliant.equations import chamber, laws
 from pliant.errors import InputError
+from pliant.model.actuation_input import PRESSURE, ActuationInput, CrossGain, JointGain
 from pliant.model.checks import check_numbers, numbers, one_number
 from pliant.model.limits import MOST_TERMS
 from pliant.model.quantity import Quantity, declaring, quantities, scalars
-from pliant.model.valve import Valve
+from pliant.model.valve import Valve, check_valve
+from pliant.model.wall import rest_growth
 
 Array = np.ndarray
 
 
 @declaring
 @dataclass(frozen=True, eq=False)
-class Chamber:
+class Chamber(ActuationInput):
     """A pressure chamber: the torque on the joints as a function of its gauge pressure, and the lag of this pressure.
     SI units.
 
@@ -70,13 +72,12 @@ class Chamber:
     0.15
     """
 
-    kind: ClassVar[str] = "pressure"  # as recordings name the kinds of their inputs
-    unit: ClassVar[str] = "Pa"
+    kind = PRESSURE  # as recordings name the kinds of their inputs
+    unit = "Pa"
+    noun = "chamber"
     torque: Annotated[Array, Quantity(
         "N m/Pa^k", "coefficient of pressure^k in the torque law", per="power", most=1e3, source="tau of Eq. (5)")]
-    joint_gain: Annotated[Array, Quantity(
-        "1", "factor on the torque law at every joint", per="joint", most=1e6, scale=0.3, alike=False,
-        formerly=("gain",))] = field(default_factory=lambda: np.ones(1))
+    joint_gain: JointGain = field(default_factory=lambda: np.ones(1))
     valve: Valve = field(default_factory=Valve)
     swell_share: Annotated[float, Quantity(
         "1", "fraction of the torque law's growth with pressure that lags", sign="not negative", most=1e3,
@@ -96,29 +97,13 @@ class Chamber:
     axial_gain: Annotated[Array, Quantity(
         "1/m", "axial force of a chamber over its torque; 1 / offset by geometry", per="segment", most=1e6,
         lower=-1e5, upper=1e5)] = field(default_factory=lambda: np.zeros(1))
-    cross_gain: Annotated[Array, Quantity(
-        "1", "factor on the torque law about y, in space, at every joint", per="joint", most=1e6, scale=0.3,
-        alike=False)] = field(default_factory=lambda: np.zeros(1))
+    cross_gain: CrossGain = field(default_factory=lambda: np.zeros(1))
     name: str = "chamber"
     law: str = laws.POLYNOMIAL
 
     def __post_init__(self) -> None:
-        for name, quantity in quantities(type(self)).items():
-            if quantity.per:
-                a = numbers(name, getattr(self, name))
-                a.setflags(write=False)
-                object.__setattr__(self, name, a)
-            else:
-                object.__setattr__(self, name, one_number(name, getattr(self, name)))
+        self._check_gains()
         check_chamber(self)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Chamber):
-            return NotImplemented
-        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
-        return all(np.array_equal(a, b) if isinstance(a, Array) else a == b for a, b in pairs)
-
-    __hash__ = None  # type: ignore[assignment]
 
     @classmethod
     def at_offset(cls, area: float, offset: float, joints: Any, **more: Any) -> Chamber:
@@ -145,92 +130,20 @@ class Chamber:
         law, axial = np.array([area * abs(offset)]), np.array([1.0 / abs(offset)])
         return cls(torque=law, joint_gain=turned, axial_gain=axial, **more)
 
-    @property
-    def swells(self) -> bool:
-        """Whether part of the chamber's torque lags behind the pressure (viscoelastic lag)."""
-        return self.swell_share > 0
+    def uses(self, field: str) -> bool:
+        return field in quantities(Chamber)
 
-    @property
-    def grows(self) -> bool:
-        """Whether the chamber's wall is hyperelastic, so that it inflates."""
-        return self.inflation_limit > 0
+    def axial_gains(self, joints: int, segment_joints: tuple[tuple[int, ...], ...]) -> Array:
+        turned, gain = self.turned(joints), self.axial_gain
+        if gain.size == 1 and turned.any():
+            return np.array([gain[0] * turned[list(inside)].any() for inside in segment_joints])
+        return np.broadcast_to(gain, (len(segment_joints),))
 
-    @property
-    def remembers(self) -> bool:
-        """Whether the chamber's torque depends on slow states (lagged pressure, wall stretch) besides the present
-        pressure.
-        """
-        return self.swells or self.grows
-
-    @property
-    def plain(self) -> bool:
-        """Whether the chamber's torque is a polynomial of the present pressure alone."""
-        return self.law == laws.POLYNOMIAL and not self.remembers
-
-    def rest_state(self, pressure: float) -> Array:
-        """Return the equilibrium (2,) of the chamber's slow states at `pressure` [Pa]: lagged pressure and wall
-        stretch.
-
-        They are the lagged pressure [Pa] and the fourth power of the hoop stretch.
-        """
-        return np.array([pressure, float(self.growth_at(pressure))])
-
-    def torque_at(self, pressure: Any) -> Any:
-        """Return the static torque [N m] at gauge `pressure` [Pa], an array of any shape; infinite where the wall has
-        no equilibrium.
-        """
-        torque = self.lever_at(pressure) * np.asarray(pressure, dtype=float)
-        return torque * chamber.lever_growth(self.growth_at(pressure)) if self.inflation_limit else torque
-
-    def lever_at(self, pressure: Any) -> Any:
-        """Return the torque per unit pressure [N m/Pa] at gauge `pressure` [Pa] of any shape, without inflation of the
-        wall.
-        """
-        return laws.lever(np.asarray(pressure, dtype=float), self.torque, laws.NUMBERS[self.law])
-
-    def no_rest(self, pressure: float) -> str:
-        """Return a message if the chamber's hyperelastic wall has no equilibrium at `pressure` [Pa], else ''."""
-        if np.isfinite(self.torque_at(pressure)):
-            return ""
-        return (
-            f"the chamber has no equilibrium at {pressure:.6g} Pa: its wall expands without bound from its "
-            f"inflation_limit of {self.inflation_limit:.6g} Pa on; lower the pressure"
-        )
-
-    def growth_at(self, pressure: Any) -> Any:
-        """Return the fourth power of the wall's hoop stretch in equilibrium at gauge `pressure` [Pa]; 1 for a rigid
-        wall.
-        """
-        return rest_growth(np.asarray(pressure, dtype=float), self.inflation_limit, self.inflation_jm)
-
-    def torque_slope(self, pressure: float) -> float:
-        """Return d(torque)/d(pressure) [N m/Pa] of a chamber at `pressure` [Pa], with its lagged pressure held
-        constant.
-
-        Raises
-        ------
-        InputError
-            When the wall is hyperelastic, because a linear model has no state for its stretch.
-        """
-        if self.inflation_limit:
-            raise InputError(
-                "linear models and controllers do not support a hyperelastic wall: fit a torque law without "
-                "inflation_limit for them"
-            )
-        return float(self.law_slope(float(pressure)))
-
-    def law_slope(self, pressure: Any) -> Any:
-        """Return d(torque)/d(pressure) [N m/Pa] at a pressure [Pa] of any shape, for constant lagged pressure and a
-        rigid wall.
-        """
-        p, form = np.asarray(pressure, dtype=float), laws.NUMBERS[self.law]
-        rise = laws.lever_secant(p, p, self.torque, form)
-        return self.lever_at(p) + p * (1.0 - self.swell_share) * rise
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """Hashable key of all parameters that determine the input's torque, without the gains at the joints."""
-        return (self.torque.tobytes(), self.valve, *self.kernel()[1:])
+    def law_unit(self, power: int) -> str:
+        if self.law == laws.POLYNOMIAL:
+            return "N m/Pa" + (f"^{power + 1}" if power else "")
+        rows = [row.unit for row in laws.LAWS[int(laws.NUMBERS[self.law]) - 1].parameters.values()]
+        return rows[power] if power < len(rows) else "1"
 
     def sentences(self, *, alone: bool) -> list[str]:
         """Return sentences that describe the chamber's torque law, valve and rubber. With `alone`,
@@ -243,10 +156,8 @@ class Chamber:
         who = "" if alone else f"{self.name}: "
         joints = "each joint" if alone else f"joints {', '.join(str(i + 1) for i in np.flatnonzero(self.joint_gain))}"
         said = [f"{who}torque at {joints}: {law} N m, p in Pa gauge"]
-        valve = [f"{f.name} {getattr(self.valve, f.name):g}" for f in fields(self.valve)
-                 if getattr(self.valve, f.name) and f.name not in ("damping_ratio", "settle_time")]  # fmt: skip
-        if valve:
-            said.append(f"{who}valve: {', '.join(valve)}")
+        if valve := self.valve.words():
+            said.append(f"{who}valve: {valve}")
         if self.swell_share:
             said.append(f"{who}viscoelastic lag: fraction {self.swell_share:.3g}, {self.swell_time:.3g} s")
         if self.inflation_limit:
@@ -255,40 +166,6 @@ class Chamber:
         if self.axial_gain.any():
             said.append(f"{who}axial force: {', '.join(f'{g:.4g}' for g in self.axial_gain)} 1/m of the torque")
         return said
-
-    def kernel(self) -> symbols.ChamberConstants:
-        """Return the chamber's constants as a record for the compiled kernels."""
-        return symbols.ChamberConstants(
-            self.torque, self.swell_share, self.swell_time, self.inflation_limit, self.inflation_time,
-            self.inflation_jm, laws.NUMBERS[self.law],
-        )
-
-
-def rest_growth(pressure: Array, limit: Any, jm: Any = 0.0) -> Array:
-    """Return the fourth power of the wall's hoop stretch in equilibrium at `pressure` [Pa]. `limit` [Pa] is the
-    chamber's `inflation_limit`; where it is 0, the wall is rigid and the result 1.
-
-    With Gent's rubber (`jm` > 0) it is finite at every pressure. Otherwise it is infinite from the limit on.
-    """
-    push, jm = np.broadcast_arrays(pressure / np.where(limit, limit, np.inf), jm)
-    y = np.where(push < 1.0, 1.0 / np.where(push < 1.0, 1.0 - push, 1.0), np.inf)
-    for at in map(tuple, np.argwhere(jm)):
-        y[at] = rest_of_gent(float(push[at]), float(jm[at]))
-    return y
-
-
-def rest_of_gent(push: float, jm: float) -> float:
-    """Return the fourth power of a Gent wall's hoop stretch in equilibrium. `push` is the pressure divided by the
-    chamber's `inflation_limit`.
-    """
-    wall = symbols.ChamberConstants(np.zeros(1), 0.0, 1.0, 1.0, 1.0, jm, 0.0)
-    y = 1.0 / (1.0 - push) if push < 0.5 else (jm * (1.0 + 0.02 * push) + 4.0) ** 2  # beyond the equilibrium
-    for _ in range(100):  # from beyond the equilibrium Newton converges monotonically: the rate is concave in y
-        rate, slope = chamber.wall_rate(push, y, wall)
-        y -= rate / slope
-        if abs(rate) <= 1e-14 * abs(slope) * y:
-            break
-    return float(y)
 
 
 def grown(torque: Array, pressure: Array, values: Mapping[str, Array]) -> Array:
@@ -313,18 +190,17 @@ RUBBER = scalars(Chamber)
 
 def check_chamber(made: Chamber) -> None:
     """Raise InputError if a parameter of a chamber is not finite or not physical."""
-    of = "model" if made.name == "chamber" else f"{type(made).__name__.lower()} {made.name!r}:"
+    of = "model" if made.name == "chamber" else f"chamber {made.name!r}:"
     if made.swell_share > 1:
         raise InputError(f"{of} swell_share must be at most 1, because it is a fraction, got {made.swell_share}")
     check_law(made, of)
-    plain = made.law == laws.POLYNOMIAL and made.kind == Chamber.kind  # a tendon's law follows from its own numbers
-    check_numbers(made, of, [name for name in quantities(Chamber) if plain or name != "torque"])
+    polynomial = made.law == laws.POLYNOMIAL
+    check_numbers(made, of, [name for name in quantities(Chamber) if polynomial or name != "torque"])
     if not made.torque.size:
         raise InputError(f"{of} torque must have at least one coefficient [N m/Pa], such as area times lever arm")
     if made.torque.size > MOST_TERMS:
         raise InputError(f"{of} torque must have at most {MOST_TERMS} numbers, got {made.torque.size}")
-    if not isinstance(made.valve, Valve):
-        raise InputError(f"{of} valve must be a Valve, got {made.valve!r:.60}")
+    check_valve(made.valve, of)
 
 
 def check_law(made: Chamber, of: str) -> None:

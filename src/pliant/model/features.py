@@ -15,10 +15,9 @@ import numpy as np
 from pliant.equations.laws import POLYNOMIAL
 from pliant.equations.spring_terms import SPRING_TERMS
 from pliant.errors import InputError
-from pliant.model.chamber import Chamber
+from pliant.model.actuation_input import SHARED, ActuationInput
 from pliant.model.extension import CURVES
 from pliant.model.model import DEFAULTS, Model
-from pliant.model.tendon import Tendon
 from pliant.text import listed
 
 
@@ -37,7 +36,7 @@ def of_model(title: str, has: Callable[[Model], object], *parts: str, name: str 
     return Feature(title, lambda model: (name or title,) if has(model) else (), parts)
 
 
-def of_each(title: str, has: Callable[[Chamber], object], *parts: str, name: str = "") -> Feature:
+def of_each(title: str, has: Callable[[Any], object], *parts: str, name: str = "") -> Feature:
     """Return a feature of each chamber for which ``has(chamber)`` is true. `name` names it in messages; default: the
     title. If the model has several chambers, the chamber's name is appended. `parts` are the fields that describe it.
     """
@@ -54,14 +53,14 @@ def numbered(name: str, count: Callable[[Model], int]) -> Callable[[Model], tupl
     return lambda model: tuple(f"{name} {k + 1}" for k in range(count(model)))
 
 
-def lag(chamber: Chamber) -> bool:
+def lag(chamber: ActuationInput) -> bool:
     """Return whether a chamber's valve has a lag or a limited rate, in addition to any dead time."""
     v = chamber.valve
     lagging = v.rise_time, v.fall_time, v.natural_frequency, v.rise_rate, v.fall_rate, v.opening_time, v.settle_share
     return any(lagging)
 
 
-def curved(chamber: Chamber) -> bool:
+def curved(chamber: ActuationInput) -> bool:
     """Return whether a chamber's torque law is a polynomial with terms beyond the linear one."""
     return chamber.law == POLYNOMIAL and bool(chamber.torque[1:].any())
 
@@ -117,6 +116,9 @@ FEATURES: dict[str, Feature] = {
     "axial_memory": of_model(
         "hysteresis of segments that lengthen", lambda m: m.memory.has_axial,
         *(f"Memory.{name}" for name in AXIAL_BRANCHES), name="hysteresis of segments",
+    ),
+    "base_motion": of_model(
+        "prescribed motion of the base", lambda m: m.moving_base, "Model.moving_base", name="moving base",
     ),
     "gravity": of_model("gravity", lambda m: m.gravity.any(), "Model.gravity"),
     "softening": of_model(
@@ -184,16 +186,16 @@ FEATURES: dict[str, Feature] = {
         name="hysteresis in space",
     ),
     "tendons": Feature(
-        "tendons", lambda m: tuple(f"tendon {c.name}" for c in m.chambers if isinstance(c, Tendon)),
+        "tendons", lambda m: tuple(f"tendon {c.name}" for c in m.chambers if c.signs),
         ("Tendon.driven_by", "Tendon.lever", "Tendon.taper", "Tendon.at", "Tendon.line_stiffness", "Tendon.pretension",
          "Tendon.imbalance", "Tendon.pulley", "Tendon.pair"),
     ),
     "tendon_friction": of_each(
-        "friction of tendons", lambda c: isinstance(c, Tendon) and c.friction, "Tendon.friction", "Tendon.slip_rate",
+        "friction of tendons", lambda c: getattr(c, "friction", 0.0), "Tendon.friction", "Tendon.slip_rate",
         name="friction",
     ),
     "pair_pretension": of_each(
-        "pretension of pairs of tendons", lambda c: isinstance(c, Tendon) and c.pair and c.pretension,
+        "pretension of pairs of tendons", lambda c: len(c.signs) == 2 and c.pretension,
         "Tendon.pretension", name="pretension",
     ),
     "boucwen": of_model(
@@ -218,7 +220,10 @@ HYSTERESIS = frozenset({"creep", "slip", "boucwen"})
 LENGTHENS = frozenset({"lengthening", "curved_segments", "tied_segments", "axial_memory"})
 IN_SPACE = frozenset({"space", "twist", "soft_swing", "space_memory", "space_lengthening"})
 TENDONS = frozenset({"tendons", "tendon_friction", "pair_pretension"})
-ALL = SPRINGS | LAWS | WALLS | VALVES | HYSTERESIS | LENGTHENS | IN_SPACE | TENDONS  # what `simulate` computes
+MOVING = frozenset({"base_motion"})
+RESTING = SPRINGS | LAWS | WALLS | VALVES | HYSTERESIS | LENGTHENS | IN_SPACE | TENDONS  # of a body with a base at rest
+ALL = RESTING | MOVING  # what `simulate` computes
+REMEDY = {"base_motion": "use simulate or a fit, or set moving_base to false for a body whose base rests"}
 
 
 @dataclass(frozen=True)
@@ -259,7 +264,8 @@ class Consumer:
     def refusal(self, model: Model, keys: tuple[str, ...]) -> str:
         """Return the message for the features `keys` of a model that this consumer refuses."""
         parts = ", ".join(with_field(key, model) for key in keys)
-        advice = dict.fromkeys(self.remedy.get(key, "use simulate, or a model without it") for key in keys)
+        advice = dict.fromkeys(self.remedy.get(key) or REMEDY.get(key, "use simulate, or a model without it")
+                               for key in keys)  # fmt: skip
         return f"{self.name} does not support {parts}, which model {model.name!r} has: {'; '.join(advice)}"
 
 
@@ -269,7 +275,7 @@ def with_field(key: str, model: Model) -> str:
     """
     owner, _, name = FEATURES[key].fields[0].partition(".")
     parts = listed(named(model, (key,)))
-    return f"{parts} ({name})" if owner in ("Valve", "Chamber", "Memory") else parts
+    return f"{parts} ({name})" if owner in ("Valve", "Chamber", "Memory") or name == "moving_base" else parts
 
 
 def missing(model: Model, can: frozenset[str]) -> tuple[str, ...]:
@@ -310,8 +316,8 @@ def title_of(part: Any, name: str) -> str:
 
     For a tendon's field that every chamber has, the part is Chamber.
     """
-    inherited = isinstance(part, Chamber) and name in {f.name for f in fields(Chamber)}
-    return f"{Chamber.__name__ if inherited else type(part).__name__}.{name}"
+    shared = isinstance(part, ActuationInput) and name in SHARED
+    return f"{'Chamber' if shared else type(part).__name__}.{name}"
 
 
 def default_of(part: Any, name: str) -> Any:

@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError, create_model, field_validator
 from pliant.errors import InputError, explain_validation, shown
 from pliant.file_kinds import MODEL, refuse_other
 from pliant.files import content_of, write_text
+from pliant.model.actuation_input import ActuationInput
 from pliant.model.chamber import Chamber
 from pliant.model.extension import Extension
 from pliant.model.memory import Memory
@@ -45,7 +46,6 @@ def unit_of(name: str) -> str:
     return UNITS.get(name) or ", ".join(dict.fromkeys(inner))
 
 
-CHAMBER_ALONE = {f.name for f in fields(Chamber)} - {"name", "joint_gain", "cross_gain", "valve"}  # and no tendon
 MIRRORED = (  # D4
     "bend_sign is not an entry of a model file: models are in the base frame, where positive angles bend towards -x. "
     "Remove bend_sign and checksum. If bend_sign was -1, also change the sign of the x component of gravity, and give "
@@ -74,7 +74,7 @@ class ChamberEntry(Table):
 
 
 @fields_of(
-    Tendon, TableLayout(("driven_by", "name", "joint_gain", "cross_gain", "lever"), CHAMBER_ALONE), valve=ValveEntry,
+    Tendon, TableLayout(("driven_by", "name", "joint_gain", "cross_gain", "lever")), valve=ValveEntry,
     driven_by=DrivenBy,
 )
 class TendonEntry(Table):
@@ -153,6 +153,8 @@ def model_to_dict(model: Model) -> dict[str, Any]:
         content["space"] = plain(model.space)
     else:
         del content["space"]
+    if not model.moving_base:
+        del content["moving_base"]
     content["units"] = units_in(content)
     return content
 
@@ -173,17 +175,12 @@ def units_in(content: dict[str, Any]) -> dict[str, str]:
     return {name: unit for name, unit in UNITS.items() if name in names}
 
 
-def input_entries(law: Chamber) -> dict[str, Any]:
-    """Return the model-file entries of one chamber or tendon. For a tendon, values that follow from
-    others are omitted.
-    """
-    entries = plain(law) | {"valve": dataclasses.asdict(law.valve)}
-    if isinstance(law, Tendon):
-        return {name: value for name, value in entries.items() if name not in CHAMBER_ALONE}
-    return entries
+def input_entries(law: ActuationInput) -> dict[str, Any]:
+    """Return the model-file entries of one chamber or tendon."""
+    return plain(law) | {"valve": dataclasses.asdict(law.valve)}
 
 
-def input_of(entries: dict[str, Any]) -> Chamber:
+def input_of(entries: dict[str, Any]) -> ActuationInput:
     """Return the chamber or tendon described by the `entries` of its table in a model file."""
     own = {**entries, "valve": Valve(**entries["valve"])}
     return Tendon(**own) if "driven_by" in own else Chamber(**own)

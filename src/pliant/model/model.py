@@ -12,6 +12,7 @@ import numpy as np
 from pliant.display import Card
 from pliant.errors import InputError
 from pliant.model.actuation import Actuation, chambers_of
+from pliant.model.actuation_input import ActuationInput
 from pliant.model.chamber import FIELDS, Chamber
 from pliant.model.checks import numbers, one_number
 from pliant.model.extensible import joints_inside
@@ -68,6 +69,9 @@ class Model(ModelParameters):
         Length [m] of the rigid part between the origin and the first joint, and its angle from +y [rad].
     gravity : array (2,)
         Gravity in the base frame, m/s^2; (3,) in space.
+    moving_base : bool
+        Whether the base moves in a prescribed way, so that its motion is an input of the model; see
+        `pliant.simulation.BaseMotion`. Functions that need a base at rest refuse such a model.
     memory : Memory
         Hysteresis of the joints: creep, friction and Bouc-Wen; none by default.
     extensions : tuple of Extension
@@ -132,7 +136,7 @@ class Model(ModelParameters):
         return model_card(self)
 
     @property
-    def chamber(self) -> Chamber:
+    def chamber(self) -> ActuationInput:
         """The single pressure chamber of this model.
 
         Raises
@@ -213,11 +217,11 @@ def each_link(name: str, a: Array, n: int) -> Array:
     return np.repeat(a, n // a.size)
 
 
-def with_gains(chamber: Chamber, n: int) -> Chamber:
+def with_gains(chamber: ActuationInput, n: int) -> ActuationInput:
     """Return a chamber whose `joint_gain` has one number for each of n joints. If it has a single number, this is
     repeated for every joint; the same is then done for `cross_gain`.
     """
     if chamber.joint_gain.size == n and chamber.cross_gain.size in (1, n):
         return chamber
-    return replace(chamber, joint_gain=each_link("joint_gain", chamber.joint_gain, n),
+    return chamber.changed(joint_gain=each_link("joint_gain", chamber.joint_gain, n),
                    cross_gain=each_link("cross_gain", chamber.cross_gain, n))

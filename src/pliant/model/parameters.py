@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.display import Shown
 from pliant.equations.spring_terms import SPRING_TERMS, in_words
-from pliant.model.chamber import Chamber
+from pliant.model.actuation_input import ActuationInput
 from pliant.model.extension import Extension, shares
 from pliant.model.memory import Memory
 from pliant.model.quantity import Quantity
@@ -44,7 +44,7 @@ class ModelParameters(Shown):
     damping: Annotated[Array, Quantity(
         "N m s/rad", "damping of every joint", per="joint", sign="not negative", most=1e9, lower=0.0,
         source="D of Eq. (5)")]
-    chambers: tuple[Chamber, ...]
+    chambers: tuple[ActuationInput, ...]
     rest_angle: Annotated[Array, Quantity(
         "rad", "rest angle of every joint", per="joint", most=1e3, lower=-3.2, upper=3.2, scale=0.05,
         source="theta_i0 of Eq. (1)")] = NONE
@@ -65,6 +65,7 @@ class ModelParameters(Shown):
         "rad", "angle of the base tangent from +y", most=1e3, lower=-1.0, upper=1.0, scale=0.05, guess=0.0)] = 0.0
     gravity: Annotated[Array, Quantity(
         "m/s^2", "gravity in the base frame", per="vector", most=1e4, fitted=False)] = NONE
+    moving_base: bool = False
     memory: Memory = field(default_factory=Memory)
     extensions: tuple[Extension, ...] = ()
     space: Space | None = None

@@ -27,6 +27,7 @@ def check_physical(model: ModelParameters, given: Collection[str]) -> None:
         check_stations(model)
     choices = (  # messages are formatted only where a check fails
         (model.mass_at in ("rod", "tip"), "mass_at must be 'rod' or 'tip', got {0.mass_at!r}"),
+        (isinstance(model.moving_base, bool), "moving_base must be true or false, got {0.moving_base!r}"),
         (model.stiffening_bound.max(initial=0.0) < 1, "stiffening_bound must be below 1, got {0.stiffening_bound}"),
         (model.link_mass[:-1].min(initial=inf) > 0 and model.link_mass[-1] + model.tip_mass >= LINK_MASS.least,
          "link_mass must be positive for every link, got {0.link_mass}"),

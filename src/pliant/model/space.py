@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.chamber import Chamber
 from pliant.model.checks import one_number
 from pliant.model.quantity import Quantity, declaring, quantities, scalars
 
@@ -155,7 +154,7 @@ def check_space(model: Any) -> None:
         axes = "x, y" if size == 2 else "x, y, z"
         raise InputError(f"model gravity must be {size} numbers ({axes} in the base frame), got {model.gravity.size}")
     if model.space is None:
-        if tendon := next((c.name for c in model.chambers if c.kind != Chamber.kind), ""):
+        if tendon := next((c.name for c in model.chambers if c.signs), ""):
             raise InputError(f"tendon {tendon!r} needs a model in space: set space = Space()")
         if across := next((c.name for c in model.chambers if c.cross_gain.any()), ""):
             raise InputError(f"chamber {across!r} has a cross_gain, which needs a model in space: set space = Space()")

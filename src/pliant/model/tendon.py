@@ -8,9 +8,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.model.actuation_input import ActuationInput, CrossGain, JointGain
 from pliant.model.chamber import Chamber
-from pliant.model.checks import check_numbers, numbers, one_number
+from pliant.model.checks import check_numbers
 from pliant.model.quantity import Quantity, declaring, quantities
+from pliant.model.valve import Valve, check_valve
 
 Array = np.ndarray
 DrivenBy = Literal["tension", "displacement", "angle"]
@@ -19,7 +21,7 @@ DRIVEN: dict[str, str] = {"tension": "N", "displacement": "m", "angle": "rad"}  
 
 @declaring
 @dataclass(frozen=True, eq=False)
-class Tendon(Chamber):
+class Tendon(ActuationInput):
     """One tendon along a chain in space, or a pair of opposite tendons on one motor. SI units.
 
     The tension is T = max(0, k (u - g . x) + T_0). g is the lever arm at each coordinate x, exact where the body bends
@@ -65,7 +67,11 @@ class Tendon(Chamber):
         When a parameter is missing, not finite or not physical.
     """
 
-    torque: Annotated[Array, quantities(Chamber)["torque"]] = ()  # type: ignore[assignment]  # follows from the others
+    noun = "tendon"
+    gain_unit = "m"
+    joint_gain: JointGain = field(default_factory=lambda: np.ones(1))
+    valve: Valve = field(default_factory=Valve)
+    cross_gain: CrossGain = field(default_factory=lambda: np.zeros(1))
     name: str = "tendon"
     driven_by: str = "tension"
     lever: Annotated[float, Quantity(
@@ -96,12 +102,11 @@ class Tendon(Chamber):
         who = f"tendon {self.name!r}:"
         if self.driven_by not in DRIVEN:
             raise InputError(f"{who} driven_by must be {', '.join(DRIVEN)}, got {self.driven_by!r:.40}")
-        own = [name for name in quantities(Tendon) if name not in quantities(Chamber) and name != "at"]
-        for name in own:
-            object.__setattr__(self, name, one_number(name, getattr(self, name)))
-        check_numbers(self, who, own)
-        at = numbers("at", self.at)
-        if at.size not in (1, np.size(self.joint_gain)) or not (np.isfinite(at).all() and (at >= 0).all()):
+        self._check_gains()
+        check_numbers(self, who, [name for name in quantities(Tendon) if name != "at"])
+        check_valve(self.valve, who)
+        at = self.at
+        if at.size not in (1, self.joint_gain.size) or not (np.isfinite(at).all() and (at >= 0).all()):
             raise InputError(f"{who} at must be positions [m] along the body, one for each joint, got {at.tolist()}")
         if self.elastic and not self.line_stiffness:
             raise InputError(f"{who} driven_by = {self.driven_by!r} needs a line_stiffness [N/m]: set it")
@@ -114,15 +119,27 @@ class Tendon(Chamber):
                 f"{who} imbalance compares the two tendons of a pair that a displacement or an angle drives: "
                 "set pair = true, or give a single tendon its pretension"
             )
-        if self.swell_share or self.inflation_limit or np.any(self.axial_gain) or self.law != Chamber.law:
-            raise InputError(
-                f"{who} leave out law, swell_share, inflation_limit and axial_gain: only a pressure chamber has them"
-            )
-        object.__setattr__(self, "kind", self.driven_by)
-        object.__setattr__(self, "unit", DRIVEN[self.driven_by])
+
+    @property
+    def kind(self) -> str:  # type: ignore[override]
+        """Kind of the input, as recordings name it: "tension", "displacement" or "angle"."""
+        return self.driven_by
+
+    @property
+    def unit(self) -> str:  # type: ignore[override]
+        """SI unit of the input."""
+        return DRIVEN[self.driven_by]
+
+    @property
+    def torque(self) -> Array:  # type: ignore[override]
+        """Force (1,) per unit of the input: 1, N/m or N/rad."""
         law = {"tension": 1.0, "displacement": self.line_stiffness, "angle": self.line_stiffness * self.pulley}
-        object.__setattr__(self, "torque", np.array([law[self.driven_by]]))
-        super().__post_init__()
+        return np.array([law[self.driven_by]])
+
+    @property
+    def signs(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Sign of each tendon: -1 for the second of a pair, which is let out."""
+        return (1.0, -1.0) if self.pair else (1.0,)
 
     @classmethod
     def at_azimuth(cls, azimuth: float, joints: Any, **more: Any) -> Tendon:
@@ -152,6 +169,8 @@ class Tendon(Chamber):
         """Return whether a field of the tendon has an effect, as it is driven: a pulley for instance only by an
         angle.
         """
+        if field in quantities(Chamber) or field not in quantities(Tendon):
+            return False
         if field in ("line_stiffness", "pretension", "imbalance", "pulley") and not self.elastic:
             return False
         return (field != "pulley" or self.driven_by == "angle") and (field != "imbalance" or self.pair)
@@ -159,6 +178,23 @@ class Tendon(Chamber):
     def distance(self) -> Array:
         """Return the distance (1,) or (n,) [m] of the path from the axis at each joint, or one that holds for all."""
         return self.lever - self.taper * self.at
+
+    def axial_gains(self, joints: int, segment_joints: tuple[tuple[int, ...], ...]) -> Array:
+        """Return the axial force of the tendon on each of S extensible segments, divided by its tension: -1 where it
+        spans the whole segment.
+
+        A tendon runs from the base to the last joint that it turns. The value of a segment is minus the fraction of its
+        joints up to there. For a segment without joints it is -1 if the tendon turns a joint beyond it.
+        """
+        part, before = np.zeros(len(segment_joints)), -1
+        last = int(np.flatnonzero(self.turned(joints)).max(initial=-1))
+        for s, inside in enumerate(segment_joints):
+            part[s] = np.mean([k <= last for k in inside]) if inside else float(last > before)
+            before = max([before, *inside])
+        return -part
+
+    def law_unit(self, power: int) -> str:  # noqa: ARG002  of the interface
+        return {"N": "1", "m": "N/m", "rad": "N/rad"}[self.unit]
 
     def constants(self) -> tuple[float, float, float, float]:
         """Return the tendon's stiffness [N/m], pretension [N], friction coefficient and slip rate [m/s]."""
@@ -176,5 +212,5 @@ class Tendon(Chamber):
         more += [f"pulley {1e3 * self.pulley:.3g} mm"] if self.pulley else []
         more += [f"pair, imbalance {self.imbalance:.3g} N" if self.imbalance else "pair"] if self.pair else []
         more += [f"friction {self.friction:.3g}"] if self.friction else []
-        lag = [line.partition(": ")[2] for line in super().sentences(alone=True)[1:]]
-        return [", ".join([text, *more]), *(f"{self.name}: lag {line}" for line in lag)]
+        lag = self.valve.words()
+        return [", ".join([text, *more]), *([f"{self.name}: lag {lag}"] if lag else [])]

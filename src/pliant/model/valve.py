@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import isfinite
-from typing import Annotated
+from typing import Annotated, Any
 
 from pliant.errors import InputError
 from pliant.model.quantity import Quantity, declaring, quantities
@@ -96,3 +96,16 @@ class Valve:
             raise InputError("a valve has rise_time and fall_time, or natural_frequency: set only one of the two kinds")
         if self.natural_frequency and self.damping_ratio == 0:
             raise InputError("valve damping_ratio must be positive, got 0: the pressure would ring forever")
+
+    def words(self) -> str:
+        """Return the values of the valve that have an effect as text; '' for an ideal valve."""
+        others = ("damping_ratio", "settle_time")  # have no effect alone
+        named = [(f.name, getattr(self, f.name)) for f in fields(self) if f.name not in others]
+        return ", ".join(f"{name} {value:g}" for name, value in named if value)
+
+
+
+def check_valve(valve: Any, of: str) -> None:
+    """Raise InputError unless `valve` is a Valve; `of` begins the message."""
+    if not isinstance(valve, Valve):
+        raise InputError(f"{of} valve must be a Valve, got {valve!r:.60}")

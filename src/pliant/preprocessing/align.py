@@ -24,6 +24,7 @@ from pliant.preprocessing.base import (
     named_axis,
     still_noise,
 )
+from pliant.preprocessing.base_input import BaseRest, with_base_input
 from pliant.preprocessing.detectors import BLOCK_FRAMES, mean_place, orientation_jumps, seen_points
 from pliant.preprocessing.repair import undo_orientation_jumps
 from pliant.preprocessing.rest import clock_finding, rest_window
@@ -57,6 +58,8 @@ def align(
     origin: Sequence[float] | None = None,
     clamp_length: float | None = None,
     remove_base_motion: bool = False,
+    base_motion: bool = False,
+    base_cutoff: float | Literal["auto"] = "auto",
     undo_jumps: bool = False,
     arc_length: Sequence[float] | None = None,
     space: bool = False,
@@ -92,6 +95,11 @@ def align(
         Length of the clamp, for ``tangent="clamp"``.
     remove_base_motion : bool
         Whether to subtract the motion of the base station, which must have an orientation, from every frame.
+    base_motion : bool
+        Whether to do the same, and to keep the motion of the base as an input of the body: as ``base_position``, and
+        ``base_angle`` or ``base_quaternion``. A model then feels the acceleration and the turn of its base.
+    base_cutoff : float (Hz) or "auto"
+        Smoothing of this motion for its derivatives, see `pliant.simulation.BaseMotion`.
     undo_jumps : bool
         Whether to undo jumps of orientation first; see `pliant.preprocessing.repair.undo_orientation_jumps`. With
         False, a recording with such jumps is refused, since its angles would be wrong.
@@ -124,8 +132,9 @@ def align(
     pose = _rest_pose(position[window], recording)
     base_rotation = base_rotation_at_rest(matrices, index, window)
     base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=1)))
-    if remove_base_motion:
-        position, matrices = _without_base_motion(position, matrices, index, pose[index], base_rotation)
+    raw = position, matrices, BaseRest(index, pose[index], base_rotation)
+    if remove_base_motion or base_motion:
+        position, matrices = _without_base_motion(*raw, "base_motion" if base_motion else "remove_base_motion")
         pose = mean_place(position[window])
     offset = _offset(origin_offset, origin, pose[index])
     _check_only_station(recording, offset)
@@ -139,19 +148,19 @@ def align(
     kept = bend is None or (space and method not in ("motion", "body", "input"))
     if not kept and sign not in (0, _wanted_sign(str(bend))):
         normal, sign = -normal, -sign
-    rotation = np.stack([np.cross(y, normal), y, normal])
-    rotation = np.roll(rotation, 1, axis=0) if space else rotation
+    rotation = np.roll(np.stack([np.cross(y, normal), y, normal]), int(space), axis=0)
     report = Alignment(
         base=str(recording["station"].values[index]), origin=tuple(zero.tolist()),
         rotation=tuple(tuple(row) for row in rotation.tolist()), tangent=_named(tangent), plane=_named(plane),
         bending=sign, rest_s=span, flatness=flatness, base_travel_m=base_travel,
-        base_motion_removed=remove_base_motion, frame="spatial" if space else "planar",
+        base_motion_removed=remove_base_motion or base_motion, frame="spatial" if space else "planar",
         **_out_of_plane(position, about["motion"], normal),
     )  # fmt: skip
-    arc = _arc_length(recording, arc_length, pose, index, offset)
     place = _turned(position, zero, rotation if space else rotation[:2])
     turned = _orientations(matrices, window, rotation) if space else _angles(matrices, window, normal)
-    return _aligned(recording, place, {"quaternion" if space else "angle": turned}, arc, report)
+    arc = _arc_length(recording, arc_length, pose, index, offset)
+    aligned = _aligned(recording, place, {"quaternion" if space else "angle": turned}, arc, report)
+    return with_base_input(aligned, raw, base_cutoff) if base_motion else aligned
 
 
 def _check_positions(recording: xr.Dataset) -> None:
@@ -246,14 +255,13 @@ def _rest_pose(position: NDArray, recording: xr.Dataset) -> NDArray:
 
 
 def _without_base_motion(
-    position: NDArray, matrices: NDArray | None, index: int, place: NDArray, rotation: NDArray | None
+    position: NDArray, matrices: Any, rest: BaseRest, option: str
 ) -> tuple[NDArray, NDArray | None]:
-    if matrices is None or rotation is None:
-        raise InputError("remove_base_motion needs the orientation of the base station, which this recording lacks: "
-                         "leave remove_base_motion out")
-    back = rotation @ np.swapaxes(matrices[:, index], -1, -2)
-    moved = np.einsum("tij,tsj->tsi", back, position - position[:, index : index + 1]) + place
-    return moved, back[:, None] @ matrices
+    if rest.axes is None:
+        raise InputError(f"{option} needs the orientation of the base station, which this recording lacks: leave "
+                         f"{option} out")
+    back, base = rest.axes @ np.swapaxes(matrices[:, rest.station], -1, -2), position[:, rest.station, None]
+    return np.einsum("tij,tsj->tsi", back, position - base) + rest.position, back[:, None] @ matrices
 
 
 def _wanted_sign(bend: str) -> int:

@@ -85,6 +85,9 @@ def half_turn(recording: xr.Dataset) -> xr.Dataset:
     if "angle" in recording:
         changed["angle"] = -recording["angle"]
         changed["angle"].attrs = recording["angle"].attrs
+    for name, sign in (("base_position", np.array([-1.0, 1.0])), ("base_angle", -1.0)):
+        if name in recording:
+            changed[name] = (recording[name] * sign).assign_attrs(recording[name].attrs)
     return append_history(changed, "turned by pi about the base tangent: x and angles change their signs")
 
 

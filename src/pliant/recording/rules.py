@@ -29,6 +29,7 @@ SHORTEST_STEP = 1e-9  # s between two samples
 # generous bounds of measured values: a larger value is a marker of missing data, has a wrong unit or is damaged
 MOST = {
     "position": 1e6, "arc_length": 1e6, "gauge_position": 1e6, "angle": 1e6, "pressure": 1e12, "strain": 1e3,
+    "base_position": 1e6, "base_angle": 1e6,
     "time": 1e13, "pressure_time": 1e13, "input_time": 1e13, "actuation": 1e9,
 }  # fmt: skip
 
@@ -48,6 +49,9 @@ VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
     "pressure": ((("pressure_time",), ("pressure_time", "chamber")), "Pa", "gauge pressure"),
     "actuation": ((("input_time", "input"),), "SI", "inputs other than pressure, in the SI unit of their kind"),
     "strain": ((("time", "core", "gauge"),), "1", "strain of the fibre cores"),
+    "base_position": ((("time", "axis"),), "m", "position of the moving base, in its axes at rest"),
+    "base_angle": ((("time",),), "rad", "rotation of the moving base about the normal of the plane since rest"),
+    "base_quaternion": ((("time", "component"),), "1", "rotation of the moving base since rest, x y z w"),
     **{name: ((("time", "station"),), KINDS[kind].unit, KINDS[kind].meaning) for name, kind in FURTHER.items()},
     **{f"{name}{CONSTANTS}": ((("station", "constant"),), "SI", f"constants of {name}") for name in FURTHER},
 }
@@ -96,6 +100,7 @@ def check_recording(recording: xr.Dataset) -> xr.Dataset:
     _check_names(recording)
     _check_stations(recording)
     _check_rotations(recording)
+    _check_base(recording)
     return recording
 
 
@@ -212,7 +217,26 @@ def _check_rotations(recording: xr.Dataset) -> None:
         if recording.attrs["frame"] == "spatial" and recording["quaternion"].attrs.get("reference") not in REFERENCES:
             raise InputError("the variable quaternion of an aligned recording must have the attribute reference = "
                              "'rest' or 'base': add it")
-        norm = np.linalg.norm(recording["quaternion"].values, axis=-1)
-        wrong = np.abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE  # NaN compares false: no orientation
-        if wrong.any():
-            raise InputError(f"{int(wrong.sum())} quaternion(s) are not of unit length: normalise them")
+        _check_norm(recording, "quaternion")
+
+
+def _check_norm(recording: xr.Dataset, name: str) -> None:
+    norm = np.linalg.norm(recording[name].values, axis=-1)
+    wrong = np.abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE  # NaN compares false: no orientation
+    if wrong.any():
+        raise InputError(f"{int(wrong.sum())} {name}(s) are not of unit length: normalise them")
+
+
+def _check_base(recording: xr.Dataset) -> None:
+    """Check that the motion of a base is that of an aligned recording, in its plane or in space."""
+    turn = {"planar": "base_angle", "spatial": "base_quaternion"}.get(recording.attrs["frame"])
+    poses = [name for name in ("base_position", "base_angle", "base_quaternion") if name in recording]
+    if not poses:
+        return
+    if turn is None or "position" not in recording:
+        raise InputError(f"{poses[0]} needs positions in the base frame: align the recording with base_motion = true")
+    if "base_position" not in poses or poses[1:] not in ([], [turn]):
+        raise InputError(f"the motion of a base in the frame {recording.attrs['frame']} is base_position with {turn}, "
+                         f"but the recording holds {', '.join(poses)}")
+    if turn == "base_quaternion" and turn in recording:
+        _check_norm(recording, turn)

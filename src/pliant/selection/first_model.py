@@ -11,7 +11,7 @@ from pliant.identification.chamber_parameters import has_effect, prefixes
 from pliant.identification.experiment import Experiment
 from pliant.identification.parameters import Parameter, shared_name
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Tendon
+from pliant.model import Model
 from pliant.selection.determined import DETERMINED
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 
@@ -29,10 +29,10 @@ def beginning(model: Model, train: Sequence[Experiment], common: Sequence[Entry]
     names = [n for n in ("stiffness", "damping") if n not in kinds and "body_stiffness" not in kinds]
     if any(e.excitation != "release" for e in train):
         names += [n for n in torque_names(model) if n not in stated]
-    if mechanics_of(model).lengthens and not isinstance(model.chambers[0], Tendon):
+    if mechanics_of(model).lengthens and not model.chambers[0].signs:
         names += [n for n in ("axial_damping",) if n not in kinds]
         names += [f"{start}axial_gain" for start, chamber in zip(prefixes(model), model.chambers, strict=True)
-                  if not isinstance(chamber, Tendon) and f"{start}axial_gain" not in stated]  # fmt: skip
+                  if chamber.uses("axial_gain") and f"{start}axial_gain" not in stated]  # fmt: skip
     return [*common, *names]
 
 

@@ -13,7 +13,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.parameters import Parameter
 from pliant.identification.torque_start import grown, highest_level
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Extension, Model, Tendon
+from pliant.model import ActuationInput, Extension, Model
 
 NO_SHARE = 1e-6  # fraction at which a hysteresis branch or a late part of the pressure has no effect
 GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
@@ -188,7 +188,7 @@ def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
     """Yield the terms of the inputs: torque laws of chambers, lags of valves, offset of the clock."""
     driven = [e for e in experiments if e.excitation != "release"]
     for start, chamber in zip(prefixes(model), model.chambers, strict=True) if driven else ():
-        if not isinstance(chamber, Tendon):
+        if chamber.uses("torque"):
             yield from torque_laws(start, chamber, highest_level(driven))
     if all(e.poses for e in driven):
         return
@@ -205,7 +205,7 @@ def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
         yield term("clock", "", [Parameter("start", 0.0)], {"start": 0.0})
 
 
-def torque_laws(start: str, chamber: Chamber, highest: float) -> Iterator[Term]:
+def torque_laws(start: str, chamber: ActuationInput, highest: float) -> Iterator[Term]:
     """Yield the terms of one pressure chamber's torque law, for recordings up to the pressure `highest` [Pa]; `start`
     is the prefix of its parameters.
     """
@@ -236,7 +236,7 @@ def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Ter
     stations move apart by 1 %.
     """
     gains = [f"{start}axial_gain" for start, c in zip(prefixes(model), model.chambers, strict=True)
-             if not isinstance(c, Tendon)]  # fmt: skip
+             if c.uses("axial_gain")]  # fmt: skip
     apart = max([grown(e) for e in experiments if not e.without_positions and len(e.stations) > 1], default=0.0)
     if mechanics_of(model).lengthens or not gains or not (model.space is not None or apart > GROWN):
         return

@@ -1,5 +1,6 @@
 """Simulation of a model under pressure inputs: whole motions, reference simulations, and single time steps."""
 
+from pliant.simulation.base_motion import BaseMotion
 from pliant.simulation.forces import PointForce
 from pliant.simulation.inputs import Chirp, Input, Multisine, Pulse, Step, Trace, ramp, triangle
 from pliant.simulation.solve import simulate
@@ -7,6 +8,6 @@ from pliant.simulation.state import equilibrium, modes
 from pliant.simulation.stepper import Stepper
 
 __all__ = [
-    "Chirp", "Input", "Multisine", "PointForce", "Pulse", "Step", "Stepper", "Trace", "equilibrium", "modes", "ramp",
-    "simulate", "triangle",
+    "BaseMotion", "Chirp", "Input", "Multisine", "PointForce", "Pulse", "Step", "Stepper", "Trace", "equilibrium",
+    "modes", "ramp", "simulate", "triangle",
 ]

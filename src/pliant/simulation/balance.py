@@ -23,6 +23,7 @@ from pliant.simulation.memory import laws_of, memory_energy
 Array = np.ndarray
 MOST_MISSING = LIMIT  # of the exchanged energy, see `energy_defects`
 STORED = ("kinetic_energy", "elastic_energy", "gravitational_energy", "memory_energy")
+BASE_MOVES = "base_force"  # variable of a motion whose base moves: its work is not computed, so nothing is judged
 LOST = ("dissipated_energy", "memory_dissipation")
 ROUNDING = 1e-9  # of the energies themselves
 NOTHING = 1e-18  # J: joints of 1 N m/rad that turn by 1e-9 rad
@@ -65,8 +66,11 @@ def energy_defects(motion: xr.Dataset | Mapping[str, Array]) -> tuple[float, flo
     Returns
     -------
     gain, loss : float
-        Largest rise and fall of stored energy - input work + losses from its first value, over the exchanged energy.
+        Largest rise and fall of stored energy - input work + losses from its first value, over the exchanged energy. 0
+        where the base moves.
     """
+    if BASE_MOVES in motion:
+        return 0.0, 0.0
     stored = np.array([motion[name] for name in STORED if name in motion])
     lost = np.sum([np.asarray(motion[name]) for name in LOST if name in motion], axis=0)
     excess = np.sum(stored, axis=0) - np.asarray(motion["input_work"]) + lost

@@ -14,7 +14,7 @@ import numpy as np
 from pliant.compiler.choose import dual_twin
 from pliant.equations import symbols
 from pliant.equations.symbols import Lag
-from pliant.model import Chamber, Valve
+from pliant.model import ActuationInput, Valve
 from pliant.simulation import opening_loops, pressure_loops
 from pliant.simulation.pressure_loops import UNLIMITED
 
@@ -68,7 +68,7 @@ def valve_row(valve: Valve, before: float) -> Array:
     return np.array([*lag_of(valve), *rest, valve.opening_time])
 
 
-def row_of(chamber: Chamber, before: float) -> Array:
+def row_of(chamber: ActuationInput, before: float) -> Array:
     """Return the constants of a chamber and its state at the initial pressure `before` [Pa] as one array of numbers.
 
     The entries are valve, rubber, slow states and law.
@@ -106,7 +106,9 @@ def pass_valve(run: Twin, valve: Valve, constants: ValveConstants, lengths: Any,
         run(pressure_loops.settle)(lengths, constants.settle_share, constants.settle_time, constants.before, p)
 
 
-def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any, torque: Any, grown: Any) -> None:
+def take_torques(
+    run: Twin, chamber: ActuationInput, row: Array, at: Intervals, p: Any, torque: Any, grown: Any,
+) -> None:
     """Write the mean torque of a chamber in each time step to torque (steps,) [N m].
     The pressures p (m, 4) [Pa] behind the valve are those at start, middle and end of m intervals, and the mean.
 
@@ -122,7 +124,7 @@ def take_torques(run: Twin, chamber: Chamber, row: Array, at: Intervals, p: Any,
     run(pressure_loops.slow_torques)(*at, p, symbols.ChamberConstants(law, *single[:6]), state, torque, grown)
 
 
-def torque_slopes(chamber: Chamber, row: Array, at: Intervals, commands: Array) -> Array:
+def torque_slopes(chamber: ActuationInput, row: Array, at: Intervals, commands: Array) -> Array:
     """Return the derivatives (steps, WIDTH) of a chamber's mean torque in each time step with respect to WIDTH
     variables. The chamber's constants `row` and the step lengths `at.h` are dual numbers: values with their derivatives
     by these variables.

@@ -16,7 +16,7 @@ from pliant.equations.chamber import mean_of_law
 from pliant.equations.symbols import Interval
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Model, Valve
+from pliant.model import ActuationInput, Model, Valve
 from pliant.simulation.chamber_course import (
     Intervals,
     delivered,
@@ -49,11 +49,12 @@ class Drive(NamedTuple):
     stretch: Array | None = None  # (rows, C) hoop stretch at the output times, if a chamber inflates
     load: Array = np.zeros((0, 0, 2))  # (steps, n, 2) N m, mean loads of the links over each step; no rows: no forces
     layout: Layout | None = None  # of the steps
+    base: Array = np.zeros((0, 5))  # (steps, 5), in space (steps, 6), motion of the base, see `equations.base`
 
     @property
     def steps(self) -> Steps:
-        """The arguments of the compiled time-stepping loop: step lengths, torques, output rows and loads."""
-        return Steps(self.h, self.torque, self.gain, self.keep, self.load)
+        """The arguments of the compiled time-stepping loop: step lengths, torques, output rows, loads and base."""
+        return Steps(self.h, self.torque, self.gain, self.keep, self.load, self.base)
 
     @property
     def joint_torque(self) -> Array:
@@ -111,7 +112,7 @@ class Layout:
         """Return the initial pressure [Pa] of chamber `c` behind its valve."""
         return delivered(valve, float(self.initial[c]))
 
-    def driven(self, c: int, chamber: Chamber) -> Driven:
+    def driven(self, c: int, chamber: ActuationInput) -> Driven:
         """Return the mean torques of chamber `c` in all time steps, with its pressure and stretch
         at the output times.
         """
@@ -151,7 +152,7 @@ class Layout:
         slope[first:at], slope[at:last] = 1.0 / (at - first), -1.0 / (last - at)
         return slope
 
-    def torque_slopes(self, chambers: Sequence[Chamber], rows: Array, h: Array) -> Array:
+    def torque_slopes(self, chambers: Sequence[ActuationInput], rows: Array, h: Array) -> Array:
         """Return the derivatives (steps, C, WIDTH) of the mean torques of C chambers in each time step with respect to
         WIDTH variables. The chambers' constants `rows` and the step lengths `h` are dual numbers: values with their
         derivatives by these variables.

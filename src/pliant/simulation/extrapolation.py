@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
-from pliant.model.features import ALL, HYSTERESIS, Consumer
+from pliant.model.features import HYSTERESIS, RESTING, Consumer
 from pliant.simulation.accuracy import distance
 from pliant.simulation.drive import Drive, drive, grade, merge, subdivide
 from pliant.simulation.initial_value import InitialValueProblem, Marched, Solution
@@ -20,7 +20,7 @@ MOST_STEPS = 4_000_000  # of one stage
 STAGES = 16
 NOT_SMOOTH = HYSTERESIS - {"creep"}
 EXTRAPOLATED = Consumer(
-    "method='extrapolated'", ALL - NOT_SMOOTH, remedy=dict.fromkeys(NOT_SMOOTH, "use method='midpoint'")
+    "method='extrapolated'", RESTING - NOT_SMOOTH, remedy=dict.fromkeys(NOT_SMOOTH, "use method='midpoint'")
 )
 
 

@@ -14,6 +14,7 @@ from pliant.mechanics import mechanics_of
 from pliant.mechanics.lengths import check_lengths
 from pliant.model import Model
 from pliant.simulation import march_loops, memory, state
+from pliant.simulation.base_motion import BaseMotion, base_rows, check_base, resting_load
 from pliant.simulation.chamber_course import delivered
 from pliant.simulation.drive import Drive, before, check_times, drive, inputs_of, too_fast
 from pliant.simulation.forces import PointForce, checked, loads_at, mean_loads
@@ -45,12 +46,13 @@ class InitialValueProblem(NamedTuple):
     start: tuple[Array, Array] = (np.zeros(0), np.zeros(0))  # absolute angles and rates (N,)
     states: Array = np.zeros((0, 0))  # (n, branches) rad, hysteresis states; in space (m, branches)
     graded: bool = False  # whether the first two steps after each jump are divided
+    base: BaseMotion | None = None  # prescribed motion of the base; None: the base rests
 
     def started(self, angle: Array | None, rate: Array | None, states: Array | None) -> InitialValueProblem:
         """Return the problem with its initial state set: joint angles, rates and hysteresis states. None stands for the
         equilibrium angles, rates of 0 and relaxed hysteresis.
         """
-        model, load = self.model, loads_before(self.model, self.forces, self.times)
+        model, load = self.model, self.loads_before()
         rest = angle is None
         q = state.equilibrium(model, self.initial, link_load=load) if rest else state.vector(model, angle)
         dq = np.zeros(model.size) if rate is None else state.vector(model, rate)
@@ -65,13 +67,25 @@ class InitialValueProblem(NamedTuple):
         return self.loaded(drive(self.model, self.pressure, times, time_step, graded=self.graded))
 
     def loaded(self, plan: Drive) -> Drive:
-        """Return the time steps `plan` together with the loads [N m] that the known forces cause on the links. The
-        loads are averages over each time step.
+        """Return the time steps `plan` together with the motion of the base, and the loads [N m] on the links by known
+        forces and by this motion. The loads are averages over each time step.
         """
-        if not self.forces:
+        if not self.forces and self.base is None:
             return plan
         nodes = self.times[0] + np.append(0.0, np.cumsum(plan.h))
-        return plan._replace(load=mean_loads(self.model, self.forces, nodes))
+        load, base = loads_and_base(self.model, self.forces, self.base, nodes)
+        return plan._replace(load=load, base=base)
+
+    def loads_before(self) -> Array | None:
+        """Return the loads [N m] on the links just before the first output time, of known forces and of the turned pose
+        of the base, which has been at rest there; None if there are none.
+        """
+        first = float(np.nextafter(self.times[0], -np.inf))
+        load = loads_at(self.model, self.forces, first) if self.forces else None
+        if self.base is None:
+            return load
+        turned = resting_load(mechanics_of(self.model), self.base, float(self.times[0]))
+        return turned if load is None else load + turned
 
     def marched(self, plan: Drive, rows: int | None = None) -> Marched:
         """Integrate over the time steps `plan` by the midpoint rule; return the motion as arrays with one row for each
@@ -99,9 +113,11 @@ class InitialValueProblem(NamedTuple):
 
 
 def posed(
-    model: Model, pressure: Input | Sequence[Input], times: Array, forces: Sequence[PointForce]
+    model: Model, pressure: Input | Sequence[Input], times: Array, forces: Sequence[PointForce],
+    base: BaseMotion | None = None,
 ) -> InitialValueProblem:
-    """Return the initial value problem for a model under inputs and known forces. Its initial state is set separately.
+    """Return the initial value problem for a model under inputs, known forces and a motion of its base. Its initial
+    state is set separately.
 
     Raises
     ------
@@ -109,18 +125,28 @@ def posed(
         When the inputs do not fit the model, the times do not increase, or a force is invalid.
     """
     chain = mechanics_of(model)  # refuses what is no model
+    if base is not None:
+        check_base(model, base)
+        model = model.with_(moving_base=True)
     inputs, times = inputs_of(model, pressure), check_times(times)
     pull = tuple(checked("simulate", force, chain.dimension) for force in forces)
     valves = [c.valve for c in model.chambers]
     initial = [delivered(v, before(u, v.dead_time, times)) for u, v in zip(inputs, valves, strict=True)]
-    return InitialValueProblem(model, inputs, times, pull, np.array(initial))
+    return InitialValueProblem(model, inputs, times, pull, np.array(initial), base=base)
 
 
-def loads_before(model: Model, forces: Sequence[PointForce], times: Array) -> Array | None:
-    """Return the loads [N m] of known forces on the links just before the first output time, or None if there are no
-    forces.
+def loads_and_base(
+    model: Model, forces: Sequence[PointForce], base: BaseMotion | None, nodes: Array, late: float = 0.0,
+) -> tuple[Array, Array]:
+    """Return the mean loads [N m] on the links in each of the m steps between `nodes` (m + 1,) [s], and the motion of
+    the base in them (m, 5), in space (m, 6), without rows for a base at rest. The clock of its poses is `late` [s]
+    late.
     """
-    return loads_at(model, forces, float(np.nextafter(times[0], -np.inf))) if forces else None
+    loads = mean_loads(model, forces, nodes) if forces else np.zeros((0, *mechanics_of(model).no_loads().shape))
+    if base is None:
+        return loads, np.zeros((0, 5))
+    rows, beside = base_rows(mechanics_of(model), base, nodes + late)
+    return (loads + beside if forces else beside), rows
 
 
 def march(
@@ -133,7 +159,7 @@ def march(
     a third, that of hysteresis. The hysteresis states (rows, n, branches) begin with `states`. By default, a model with
     hysteresis begins in equilibrium at the initial angles.
     """
-    chain = mechanics_of(model)
+    chain = mechanics_of(model).with_own_base() if len(plan.base) else mechanics_of(model)
     check_lengths(chain, x=start[0], v=start[1], torque=plan.gain)
     if states is None and model.memory:
         states = state.relaxed(model, chain.joint_coordinates(start[0]))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pliant.equations.base import begin_step, end_step
 from pliant.equations.chamber import advance_one, share_out
 from pliant.equations.contact import add_link_loads
 from pliant.equations.elastic import follows
@@ -42,6 +43,7 @@ class Steps(NamedTuple):
     gain: np.ndarray  # (C, n) fraction of the chamber's torque at each joint
     keep: np.ndarray  # (steps,) output row of the state after the step; negative: no output
     load: np.ndarray  # (steps, n, 2) N m, see `contact.add_link_loads`; no rows if there are no forces
+    base: np.ndarray  # (steps, 5), in space (steps, 6), motion of the base, see `base.begin_step`; no rows at rest
 
 
 class Rows(NamedTuple):
@@ -84,13 +86,16 @@ def march(phi, w, steps, body, joints, work, out, past=None):
     a constant rate over half a step, so that results of larger turns would be finite but wrong.
 
     Where keep[k] >= 0, row keep[k] of `out` receives the state after step k, with the hysteresis states, the input work
-    and the energies that dampers and hysteresis dissipate since the start [J], all by the mid-step rates. Returns -1,
-    the index k of the first step that fails, or -2 - k if the hysteresis of step k does not converge.
+    and the energies that dampers and hysteresis dissipate since the start [J], all by the mid-step rates. Where the
+    base moves, its motion in each step is a row of steps.base, and coordinates and rates are relative to it. Returns
+    -1, the index k of the first step that fails, or -2 - k if the hysteresis of step k does not converge.
     """
     for k in range(len(steps.h)):
         h = steps.h[k]
         for c in range(len(steps.gain)):
             share_out(c, steps.torque[k, c], steps.gain, work.tau)
+        if len(steps.base) > 0:
+            begin_step(steps.base[k], w, body, joints)
         if len(steps.load) > 0:
             add_link_loads(phi, w, 0.5 * h, steps.load[k], body, joints, work)
         lost = 0.0
@@ -104,6 +109,8 @@ def march(phi, w, steps, body, joints, work, out, past=None):
             return -2 - k
         add_step_work(w, h, work.tau, joints, work, out.total)
         out.total[2] = out.total[2] + lost
+        if len(steps.base) > 0:
+            end_step(steps.base[k], phi, w, body, joints)
         if steps.keep[k] >= 0:
             keep_row(steps.keep[k], phi, w, past, out)
     return -1

@@ -53,16 +53,22 @@ def memory_energy(model: Model, x: Array, states: Array) -> Array:
     return np.asarray(np.stack(stored, axis=1) @ chain.joints.K[:rows])
 
 
+def torques(model: Model, x: Array, states: Array) -> Array:
+    """Return the torques [N m] of hysteresis against the bend, (T, m) of the first m coordinates at T instants."""
+    chain = mechanics_of(model)
+    rows = chain.remembering
+    q, moved = chain.joint_coordinates(x)[:, :rows], np.moveaxis(states, 0, -1)  # (rows, branches, T) for the kernels
+    laws = laws_of(model)
+    angle = np.stack([kernels.memory_angle(i, q[:, i], moved, laws[i]) for i in range(rows)], axis=1)
+    return np.asarray(chain.joints.K[:rows] * angle)
+
+
 def outputs(model: Model, x: Array, states: Array) -> dict[str, Entry]:
     """Return dataset variables, by name, for hysteresis states and torque; {} for a chain without hysteresis."""
     if not model.memory:
         return {}
     chain = mechanics_of(model)
-    rows = chain.remembering
-    q, K = chain.joint_coordinates(x)[:, :rows], chain.joints.K[:rows]
-    moved = np.moveaxis(states, 0, -1)  # (rows, branches, T), as the kernels index
-    laws = laws_of(model)
-    angle = np.stack([kernels.memory_angle(i, q[:, i], moved, laws[i]) for i in range(rows)], axis=1)
+    torque = torques(model, x, states)
     values: dict[str, Entry] = {}
     for kind in chain.kinds:
         if kind.over == "joint":
@@ -70,9 +76,9 @@ def outputs(model: Model, x: Array, states: Array) -> dict[str, Entry]:
             values["memory_state" + axis] = (
                 ("time", "joint", "memory"), states[:, kind.rows, : len(model.memory.labels)],
             )
-            values["memory_torque" + axis] = (("time", "joint"), (K * angle)[:, kind.rows])
+            values["memory_torque" + axis] = (("time", "joint"), torque[:, kind.rows])
         elif model.memory.has_axial:
             labels = model.memory.axial.labels
             values["axial_memory_state"] = (("time", "segment", "axial_memory"), states[:, kind.rows, : len(labels)])
-            values["axial_memory_force"] = (("time", "segment"), (K * angle)[:, kind.rows] / model.segment_length)
+            values["axial_memory_force"] = (("time", "segment"), torque[:, kind.rows] / model.segment_length)
     return values

@@ -41,6 +41,11 @@ LABELS = {
     **{f"memory_torque_{axis}": ("N m", f"the same, along {name}") for axis, name in AXES.items()},
     "axial_memory_state": ("1", "relaxed strain of the segments' creep branches, stretch of their slip elements"),
     "axial_memory_force": ("N", "axial force of the segments' creep and slip against the strain"),
+    "base_position": ("m", "position of the base frame's origin, in the axes of the base frame at rest"),
+    "base_angle": ("rad", "angle of the base frame about +z"),
+    "base_axes": ("1", "axes of the moved base frame as columns, in the axes of the base frame at rest"),
+    "base_force": ("N", "force of the base on the body, in the axes of the moved base frame"),
+    "base_moment": ("N m", "moment of the base on the body about the base frame's origin, in the same axes"),
     "memory_energy": ("J", "energy held by creep, slip and Bouc-Wen"),
     "memory_dissipation": ("J", "energy dissipated by creep, slip and Bouc-Wen since the start"),
 }

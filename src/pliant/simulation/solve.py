@@ -15,7 +15,9 @@ from pliant.model import Model
 from pliant.shapes import Float
 from pliant.simulation import memory, state
 from pliant.simulation.accuracy import LIMIT, step_for, tip_error
-from pliant.simulation.balance import Defects, energies, energy_defects, warn_of_defects
+from pliant.simulation.balance import BASE_MOVES, Defects, energies, energy_defects, warn_of_defects
+from pliant.simulation.base_force import base_variables
+from pliant.simulation.base_motion import BaseMotion
 from pliant.simulation.drive import LONGEST
 from pliant.simulation.extrapolation import march_accurate, march_extrapolated
 from pliant.simulation.forces import PointForce
@@ -56,6 +58,7 @@ def simulate(
     initial_rate: Float[Array, " N"] | None = None,
     initial_memory: Float[Array, "N M"] | None = None,
     forces: Sequence[PointForce] = (),
+    base: BaseMotion | None = None,
     rtol: float = 1e-8,
     tolerance: float = 1e-4,
     check: bool = True,
@@ -93,6 +96,9 @@ def simulate(
     forces : sequence of `pliant.simulation.forces.PointForce`
         Forces at points of the body, N in the base frame. Their mean over each step acts at the mid-step angles, and
         their work is part of the input work. Only with ``method="midpoint"`` or ``"accurate"``.
+    base : pliant.simulation.BaseMotion, optional
+        Prescribed motion of the base. Angles and positions of the result are relative to the moved base. The default
+        start is the equilibrium on a base at rest in its first pose. Only with ``method="midpoint"`` or ``"accurate"``.
     rtol : float
         Relative tolerance of the SciPy solvers.
     tolerance : float
@@ -113,11 +119,13 @@ def simulate(
         are pressures; kinetic, elastic and gravitational energy, input work, dissipated energy (time).
         With hysteresis also memory_state (time, joint, memory), memory_torque (time, joint), memory_energy,
         memory_dissipation (time). Where segments lengthen also axial_strain, axial_strain_rate and extension [m]
-        (time, segment). The change of kinetic + elastic + gravitational + hysteresis energy equals input work less
-        both losses. Attributes: method, step_s and graded (0 or 1); energy_gain and energy_loss, the energy which the
-        computed motion gains without a source and loses without dissipation, as fractions of the largest change of any
-        form of energy; tip_error, an upper estimate of the largest error of the tip, m (not with `check` = False or a
-        SciPy solver).
+        (time, segment). With `base` also base_position, base_angle or base_axes, and the force and moment that the base
+        exerts on the body, base_force and base_moment, in the axes of the base; the energies are then those of the
+        motion relative to the base, do not balance, and are not judged. The change of kinetic + elastic +
+        gravitational + hysteresis energy equals input work less both losses. Attributes: method, step_s and graded (0
+        or 1); energy_gain and energy_loss, the energy which the computed motion gains without a source and loses
+        without dissipation, as fractions of the largest change of any form of energy; tip_error, an upper estimate of
+        the largest error of the tip, m (not with `check` = False or a SciPy solver).
 
     Raises
     ------
@@ -144,7 +152,8 @@ def simulate(
     """
     check_step(model, time_step, method)
     how = Settings(time_step, method, rtol, tolerance, check)
-    problem = posed(model, pressure, output_times(duration, times, time_step), forces)._replace(graded=graded)
+    problem = posed(model, pressure, output_times(duration, times, time_step), forces, base)._replace(graded=graded)
+    model = problem.model
     problem = problem.started(initial_angle, initial_rate, initial_memory)
     solution = solved(problem, how)
     phi, w, _, states = solution.marched
@@ -153,6 +162,8 @@ def simulate(
     extra = memory.outputs(model, phi, states)
     if solution.stretch is not None:
         extra["hoop_stretch"] = (("time", "input"), solution.stretch)
+    if base is not None:
+        extra |= base_variables(problem, solution.marched, problem.plan(solution.time_step))
     balance = solution.energies or energies(model, solution.marched)
     motion = trajectory(
         model, Motion(problem.times, solution.pressure, phi, w), balance, extra,
@@ -165,7 +176,8 @@ def simulate(
 def judged(motion: xr.Dataset, solution: Solution, how: Settings, length: float) -> xr.Dataset:
     """Return the motion with its tip error and energy imbalance as attributes; warn if either is too large."""
     gain, loss = energy_defects(motion)
-    motion.attrs |= {"energy_gain": gain, "energy_loss": loss}  # `assign_attrs` would copy the whole
+    if BASE_MOVES not in motion:
+        motion.attrs |= {"energy_gain": gain, "energy_loss": loss}  # `assign_attrs` would copy the whole
     if np.isfinite(solution.error):
         motion.attrs["tip_error"] = solution.error * length
     if how.check:
@@ -231,7 +243,8 @@ def by_midpoint(problem: InitialValueProblem, how: Settings) -> Solution:
             continue
         energy = energies(problem.model, marched)
         error = tip_error(partial(problem.repeated, plan, marched[0])) if how.check else np.nan
-        worst = max(error, *energy_defects(energy)) if how.check else np.nan
+        missing = energy_defects(energy) if problem.base is None else ()
+        worst = max((error, *missing)) if how.check else np.nan
         if how.time_step is not None or not worst > LIMIT or plan.h.size > MOST_STEPS * step_for(worst):
             break
         time_step = nice(time_step * step_for(worst))

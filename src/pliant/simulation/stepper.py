@@ -11,7 +11,7 @@ from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
-from pliant.model.features import ALL, FIRST_ORDER, VALVES, Consumer
+from pliant.model.features import FIRST_ORDER, RESTING, VALVES, Consumer
 from pliant.shapes import Float
 from pliant.simulation import march_loops, state
 from pliant.simulation.balance import EnergyWatch
@@ -23,7 +23,7 @@ from pliant.simulation.time_step import warn_too_coarse
 Array = np.ndarray
 
 STEPPER = Consumer(
-    "a Stepper", (ALL - VALVES) | FIRST_ORDER,
+    "a Stepper", (RESTING - VALVES) | FIRST_ORDER,
     remedy=dict.fromkeys(VALVES - FIRST_ORDER, "give the model an ideal or first-order valve, and pass the pressure "
                          "behind your valve to `step`"),
 )  # fmt: skip

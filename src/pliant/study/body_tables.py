@@ -10,7 +10,6 @@ from pydantic import BaseModel, Field
 
 from pliant.model import Chamber, Extension, Memory, Space, Station, Tendon, Valve
 from pliant.model.chamber import FIELDS
-from pliant.model.file import CHAMBER_ALONE
 from pliant.model.parameters import MassAt, ModelParameters
 from pliant.model.tables import Table, TableLayout, fields_of
 from pliant.model.tendon import DrivenBy
@@ -54,7 +53,7 @@ class ChamberTable(PartTable):
 
 
 @fields_of(
-    Tendon, TableLayout(("name", "driven_by", "lever"), {*CHAMBER_ALONE, "joint_gain", "cross_gain", "at"},
+    Tendon, TableLayout(("name", "driven_by", "lever"), {"joint_gain", "cross_gain", "at"},
                    {"line_stiffness": 1000.0}, bounded=True),
     name=Name, driven_by=DrivenBy, valve=ValveTable,
 )
@@ -98,7 +97,8 @@ class TaperTable(PartTable):
 
 @fields_of(
     ModelParameters,
-    TableLayout(without=("link_length", "link_mass", "chambers", "extensions", "space", "stations", "name", "source"),
+    TableLayout(without=("link_length", "link_mass", "chambers", "extensions", "space", "stations", "name", "source",
+                         "moving_base"),
            optional=True, bounded=True),
     stiffness=Each, damping=Each, rest_angle=Each, stiffening=Each, cubic_stiffening=Each, stiffening_bound=Each,
     mass_at=MassAt, memory=MemoryTable,

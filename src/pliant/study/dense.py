@@ -19,6 +19,7 @@ from pliant.preprocessing.cut import cut_body
 from pliant.preprocessing.side import ATTRIBUTE as SIDE
 from pliant.preprocessing.side import x_sign
 from pliant.recording import make_recording
+from pliant.recording.base_pose import keep_base
 from pliant.recording.inputs import input_arguments
 from pliant.reduction import LinkPlacement, OrderResult, links_of, select_order
 from pliant.study.aligned import known_forces
@@ -142,7 +143,7 @@ def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacem
         nominal_pressure=body.attrs.get("nominal_pressure"), source=str(body.attrs.get("source", "")),
         **input_arguments(body),
     )
-    tips = tips.assign_attrs({SIDE: x_sign(body)})
+    tips = keep_base(body, tips.assign_attrs({SIDE: x_sign(body)}))
     forces = known_forces(entry, body)
     observed = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces, drive=entry.drive)
     if not entry.angles:

@@ -12,9 +12,11 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.identification import Experiment, experiment
 from pliant.identification.drives import driving
+from pliant.identification.from_recording import base_of
 from pliant.model import Model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
+from pliant.preprocessing.base_input import base_is_moved
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.cut import cut_time
 from pliant.preprocessing.glitches import leave_out_glitches
@@ -29,7 +31,7 @@ from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.per_file import KEY
 from pliant.recording.published import PREFIX
-from pliant.recording.schema import history_of
+from pliant.recording.schema import append_history, history_of
 from pliant.recording.typed_steps import held_sentences
 from pliant.sensing import read_shape
 from pliant.study.aligned import Aligned, at_common_rest, known_forces, on_one_clock, with_pressure
@@ -155,6 +157,8 @@ def aligned_recording(study: Study, name: str, normal: Array | None = None) -> A
         lines.append(tip)
     elif body is not raw or alignment.swaps:
         lines += str(body.attrs.get("history", "")).splitlines()[before:]
+    if (base := base_of(body)) is not None:
+        lines.append(base.summary())
     doubts = {**looked.doubts, **body_warnings(stated_case(study.actuator), stations, body)}
     return Aligned(body, tuple(lines), tip, clocks, doubts)
 
@@ -197,7 +201,20 @@ def in_frame(
     own = study.recordings[name].alignment
     if normal is not None and not {"plane", "bend"} & set(own.options if own else ()):
         options |= {"plane": normal, "bend": None}
-    return stations, align(stations, **options), ""
+    return stations, with_moved_base(study.recordings[name], stations, options), ""
+
+
+def with_moved_base(entry: Recording, stations: xr.Dataset, options: dict[str, Any]) -> xr.Dataset:
+    """Return the stations of a recording in the base frame by the `options` of `align`. Where these do not say what to
+    do with the motion of the base, and the base moves as that of a robot does, its motion becomes an input of the body.
+    """
+    aligned = align(stations, **options)
+    stated = {"base_motion", "remove_base_motion"} & set(options)
+    if stated or entry.poses or entry.excitation == "release" or not base_is_moved(stations, aligned):
+        return aligned
+    why = ("the base carries all stations along: its motion is taken as an input; set base_motion = false in "
+           "[alignment.options] if it is part of the body's own motion")
+    return append_history(align(stations, **options, base_motion=True), why)
 
 
 def check_frame(name: str, raw: xr.Dataset, *, space: bool) -> None:

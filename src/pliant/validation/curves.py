@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pliant.model import Chamber
+from pliant.model import ActuationInput
 from pliant.validation.outcome import FitOutcome
 
 Array = np.ndarray
@@ -94,7 +94,7 @@ def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]
     return (tuple("xyz"[:dimension]), unit, 1e3) if unit == "mm" else (("angle",), unit, float(np.degrees(1.0)))
 
 
-def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
+def laws_of(fit: FitOutcome) -> list[tuple[str, ActuationInput, dict[float, str]]]:
     """Return (title of its plot, chamber, marks) for each pressure chamber of a fit. `marks` maps the pressure farthest
     from 0 [Pa] in each recording to the role of the recording, such as training.
 
@@ -111,7 +111,7 @@ def laws_of(fit: FitOutcome) -> list[tuple[str, Chamber, dict[float, str]]]:
     return laws
 
 
-def pressures_of(laws: Sequence[tuple[str, Chamber, Mapping[float, str]]], count: int) -> Array:
+def pressures_of(laws: Sequence[tuple[str, ActuationInput, Mapping[float, str]]], count: int) -> Array:
     """Return `count` evenly spaced pressures [Pa] at which to draw torque laws. They cover 0 Pa and the peak pressures
     of all recordings, with a margin of 5 %.
     """

@@ -20,6 +20,7 @@ from matplotlib.lines import Line2D
 
 from pliant.errors import InputError
 from pliant.files import whole
+from pliant.identification import Experiment
 from pliant.plotting import NARROW, TALLEST, WIDTH, side_by_side, style
 from pliant.units import input_words, shown_in
 from pliant.validation.curves import (
@@ -49,6 +50,7 @@ RESIDUALS = (("black", "-"), ("#c1440e", (0, (4, 1.5))), ("#0b6b5b", (0, (1, 1))
 MODELLED: dict[str, Any] = {"color": "#0b2f6b", "linestyle": "-", "linewidth": 0.9, "label": "modelled"}
 
 BASELINE: dict[str, Any] = {"color": "#7a1f00", "linestyle": (0, (1, 1.5)), "linewidth": 1.2, "label": "plain map"}
+BASE_LINES: dict[str, Any] = {"x": "-", "y": (0, (4, 1.5)), "z": (0, (1, 1))}
 MARGIN = 0.3  # of the range of measured and modelled values: how far the axis extends for a plain map
 
 
@@ -79,10 +81,12 @@ def record_figure(record: RecordOutcome) -> Figure:
         for axis, ax in enumerate(axes[len(chosen)]):
             draw_residuals(ax, exp.time, factor * (record.modelled - exp.compared)[..., axis])
             ax.set_ylabel(f"residual\n{names[axis]} ({unit})")
+        panels = [*axes[:, 0], figure.axes[-1]]
         if forced:
             draw_inputs(figure.axes[-1], record)
+            panels += draw_base(figure.axes[-1], exp)
         figure.align_ylabels()
-        legend(figure, [*axes[:, 0], *figure.axes[-1:]])
+        legend(figure, panels)
     return figure
 
 
@@ -334,6 +338,22 @@ def draw_inputs(ax: Axes, record: RecordOutcome) -> None:
     for column, own in zip(record.pressure.T, record.units, strict=True):
         ax.plot(*thin(exp.time, shown_in(own)[0] * column), **modelled)
     ax.set_ylabel(f"{word}\n({unit})")
+
+
+def draw_base(ax: Axes, exp: Experiment) -> list[Axes]:
+    """Draw the recorded position and angle of a moving base over the inputs, on axes of their own at the right, and
+    return these axes; [] if the base rests. A rotation in space is drawn by its angle.
+    """
+    if exp.base is None:
+        return []
+    right, motion = ax.twinx(), exp.base
+    for axis, column in zip("xyz", motion.position.T, strict=False):
+        right.plot(*thin(motion.time, 1e3 * column), color="#c1440e", linewidth=0.8, linestyle=BASE_LINES[axis],
+                   label=f"base {axis} (mm)")  # fmt: skip
+    turn = motion.turn[:, 0] if motion.dimension == 2 else 2.0 * np.arccos(np.clip(np.abs(motion.turn[:, 3]), 0.0, 1.0))
+    right.plot(*thin(motion.time, np.degrees(turn)), color="#0b6b5b", linewidth=0.8, label="base angle (deg)")
+    right.set_ylabel("base (mm, deg)")
+    return [right]
 
 
 def legend(figure: Figure, axes: Iterable[Axes]) -> None:

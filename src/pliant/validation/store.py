@@ -19,10 +19,11 @@ from pliant.identification import Band, Experiment, FitResult, Parameter
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.model.file import read_model
+from pliant.recording.base_pose import CUTOFF
 from pliant.recording.netcdf import read_groups
 from pliant.reduction import LinkPlacement, OrderResult
 from pliant.selection import ModelSelection
-from pliant.simulation import Trace
+from pliant.simulation import BaseMotion, Trace
 from pliant.units import input_words
 from pliant.validation.outcome import (
     Baseline,
@@ -106,6 +107,12 @@ def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa"
         name, clock = names_of_inputs(units)
         variables[name] = ((clock, "driven")[: samples.ndim], samples, of_inputs(units))
         variables[clock] = (clock, exp.pressure.time, {"units": "s"})
+    if exp.base is not None:
+        turn = "base_angle" if exp.dimension == 2 else "base_quaternion"
+        how = {} if exp.base.cutoff is None else {CUTOFF: exp.base.cutoff}
+        variables["base_position"] = (("base_time", "axis"), exp.base.position, {"units": "m"} | how)
+        variables[turn] = (("base_time", "component"), exp.base.turn, {"units": "rad" if exp.dimension == 2 else "1"})
+        variables["base_time"] = ("base_time", exp.base.time, {"units": "s"})
     about = {"name": exp.name, "excitation": exp.excitation, "level": exp.level, "x_sign": exp.x_sign,
              "poses": int(exp.poses)}
     axes = ["angle"] if exp.without_positions else list("xyz"[: exp.dimension])
@@ -300,9 +307,15 @@ def experiment_of(recording: xr.Dataset) -> Experiment:
         reference = recording["angle"].attrs["reference"]
         angles = {"angle": found["angle"], "angle_reference": reference, "angles_alone": True}
     position = found.get("position", np.full((recording.sizes["time"], len(stations), 2), np.nan))
+    base = None
+    if "base_time" in found:
+        flat = "base_angle" in found
+        turn = {"angle": found["base_angle"][:, 0]} if flat else {"quaternion": found["base_quaternion"]}
+        cutoff = recording["base_position"].attrs.get(CUTOFF)
+        base = BaseMotion(found["base_time"], found["base_position"], **turn, cutoff=cutoff)
     return Experiment(
         str(recording.attrs["name"]), found["time"], position, stations, recording.attrs["excitation"], trace,
-        float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]),
+        float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]), base=base,
         poses=bool(recording.attrs["poses"]), **angles,
     )
 

@@ -7,13 +7,13 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.preprocessing import detectors
 from pliant.preprocessing.alignment import Alignment, alignment_of
+from pliant.preprocessing.base_input import BASE_SHARE, STILL_SHARE
 from pliant.preprocessing.plausibility.contract import Case, Check
 
 LEAST_BODY, MOST_BODY = 5e-3, 10.0  # m
 MOST_TURN = 420.0  # degrees: a body that curls up once and a little more
 LEAST_TURN = 180.0 / 57.3  # degrees: pi, the largest value in rad of an angle below half a turn
 MOST_TILT = 60.0  # degrees: tilt of the chord of a body that is bent by twice this angle at rest
-BASE_SHARE, STILL_SHARE = 0.1, 0.2  # of the largest displacement; of the base's displacement
 FOUND, MOST_OUT = ("motion", "body"), 0.3  # planes determined from the recording itself; fraction of the motion
 DENSE = 8  # stations: from here on the direction near the base is measured
 
