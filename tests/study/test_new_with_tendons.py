@@ -90,7 +90,7 @@ def test_a_recording_without_rest_gets_its_tendons_with_open_questions(tmp_path)
     assert draft.text.count('azimuth_deg = "?"') == 3
     assert sum(q.startswith("azimuth_deg") for q in draft.questions) == 1
     assert "\nspace = true" in draft.text
-    assert 'base_tilt_x = "free"' in draft.text
+    assert '"tip.aside" = "free"' in draft.text
     write(whole, tmp_path / "whole.nc")
     draft = draft_study([tmp_path / "run.nc", tmp_path / "whole.nc"], tmp_path / "s.toml", mass=0.1, length=0.3)
     assert 'azimuth_deg = "?"' not in draft.text  # the recording that could be aligned shows it

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -19,7 +19,6 @@ from pliant.recording.typed_steps import held_sentences
 from pliant.study.doubts import body_warnings
 from pliant.study.draft_inputs import (
     LINKS,
-    chamber_parameters,
     chambers,
     chambers_in_plane,
     channels,
@@ -27,6 +26,7 @@ from pliant.study.draft_inputs import (
     first_aligned,
     tendons,
 )
+from pliant.study.draft_selection import selection, spatial_study
 from pliant.study.first_reading import with_logs
 from pliant.study.toml_text import Lines, key, relative
 from pliant.study.trial import (
@@ -34,18 +34,11 @@ from pliant.study.trial import (
     body_length,
     excitation,
     from_one_side,
-    held_out,
     in_space,
     inspect_trial,
     moved,
 )
 
-OTHER_FITS: tuple[tuple[str, str, str, dict[str, int]], ...] = (  # of logs of angles: name, reason, title, entries
-    ("midsegment", "with few links, stiffness depends on where joints are assumed: compare errors with the first fit's",
-     "Joints in the middle of their segments", {}),
-    ("three_links", "one angle determines one link; more links assume a body that bends evenly", "Three links",
-     {"links": 3}),
-)  # fmt: skip
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 
 
@@ -152,7 +145,6 @@ def draft_study(
     for trial in trials:
         recording(out, trial, Path(study).parent, level)
         channels(out, trial, driven(trials))
-    fit(out, trials)
     selection(out, trials)
     out.table("targets")
     out.say("limits that the report compares the predictions with; remove a line to leave that number unjudged")
@@ -185,12 +177,6 @@ def space_entry(out: Lines, trials: Sequence[Trial]) -> None:
         out.put("space", True, f"{reason}; remove this line to model the motion in that plane alone")
     elif 0.01 * share > NEARLY_PLANAR and not trials[0].angles_only:
         out.say(f"space = true  ({reason} and ignored: remove the # for a study in space)")
-
-
-def spatial_study(trials: Sequence[Trial]) -> bool:
-    """Return whether the study is in space: some recording is aligned in space or driven by tendons."""
-    frames = [trial.aligned.attrs["frame"] for trial in trials if trial.aligned is not None]
-    return "spatial" in frames or any(trial.tendon_inputs for trial in trials)
 
 
 def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
@@ -371,77 +357,3 @@ def moving_beside(trial: Trial) -> list[str] | None:
     names = [str(s) for s in trial.aligned["station"].values if str(s) != trial.base]
     still = set(standing_stations(trial.aligned)) & set(names)
     return [n for n in names if n not in still] if 0 < len(still) < len(names) else None
-
-
-def fit(out: Lines, trials: Sequence[Trial]) -> None:
-    """Write the [fits] tables: training and held-out recordings, free parameters and alternative models."""
-    held = held_out(trials)
-    out.table("fits.first")
-    out.put("train", [trial.name for trial in trials if trial.name != held])
-    if held:
-        out.put("held_out", [held], "not used by the fit; the report judges how the model predicts it")
-    else:
-        out.say('to test the prediction, make one more recording and name it here: held_out = ["another"]')
-    out.table("fits.first.parameters")
-    out.say('"free": the start value is estimated from the recordings')
-    for name, meaning in free_parameters(trials, held):
-        out.put(name, "free", meaning)
-    for name, why, title, changes in OTHER_FITS if held and trials[0].angles_only else ():
-        out.table(f"fits.{name}")
-        out.say(why)
-        for entry, value in {"title": title, "like": "first", **changes, "joint_placement": "midsegment"}.items():
-            out.put(entry, value)
-
-
-def selection(out: Lines, trials: Sequence[Trial]) -> None:
-    """Write a commented-out [model_selection] table, if a recording is held out."""
-    held = held_out(trials)
-    if not held:
-        return
-    train = ", ".join(f'"{trial.name}"' for trial in trials if trial.name != held)
-    names = [n for n, _ in free_parameters(trials, held) if n in ("start", "sensor_lag", "base_angle") or "." in n]
-    common = ", ".join(f'{key(n)} = "free"' for n in names)
-    out.text.append("")
-    out.say("remove the # to choose the terms of the model (creep, friction, softening, ...) from the training",
-            "recordings; the held-out recording then judges the choice; this takes a few minutes at most")
-    out.text += ["# [model_selection]", f"# train = [{train}]", f'# held_out = ["{held}"]',
-                 f"# common = {{ {common} }}  # free with every model"]
-
-
-def free_parameters(trials: Sequence[Trial], held: str | None) -> list[tuple[str, str]]:
-    """Return (name, comment) of each parameter of a fit that the recordings can determine."""
-    kinds, first = {excitation(trial) for trial in trials}, trials[0]
-    levels = {round(trial.highest_pa, -2) for trial in trials if trial.name != held and trial.highest_pa is not None}
-    free = [("stiffness", "N m/rad, of every joint"), ("damping", "N m s/rad, of every joint")]
-    if named := [*driven(trials), *(one.name for one in first.tendon_inputs)]:
-        return free + chamber_parameters(named, space=spatial_study(trials)) + place_parameters(trials, kinds)
-    if kinds != {"release"}:
-        free += [("torque_1", "N m/Pa")]
-        free += [("torque_2", "N m/Pa^2, since the training has more than one pressure")] if len(levels) > 1 else []
-    if "trace" in kinds:
-        free += [("sensor_lag", "s, time constant of the angle's sensor") if first.angles_only else
-                 ("start", "s, offset of the pressure's clock from that of the shape")]
-    if kinds & {"pulse", "step"}:
-        free += [("valve_rise_time", "s, time constant of the pressure when it rises")]
-    if "pulse" in kinds:
-        free += [("valve_fall_time", "s, time constant of the pressure when it falls")]
-    if spatial_study(trials) and kinds != {"release"}:
-        free += [("gain_y", "ratio of the torque about y to the torque about x")]
-    return free + place_parameters(trials, kinds)
-
-
-def place_parameters(trials: Sequence[Trial], kinds: Collection[str]) -> list[tuple[str, str]]:
-    """Return (name, comment) of the fit parameters for the error of the base tangent and for the last station's
-    position on its link.
-
-    They are free for marker stations alone, not for dense shapes, planar recordings or free decays.
-    """
-    first = trials[0]
-    if first.dense or first.recording.attrs["frame"] == "planar" or set(kinds) == {"release"}:
-        return []
-    tip = (list(first.stations) or [str(s) for s in first.recording["station"].values])[-1]
-    place = [(f"{tip}.along", "m, position of the last station on its link"), (f"{tip}.across", "m, across it")]
-    if spatial_study(trials):
-        tilts = [(f"base_tilt_{axis}", f"rad, error of the base tangent about {axis}") for axis in "xy"]
-        return [*tilts, *place, (f"{tip}.aside", "m, perpendicular to both")]
-    return [("base_angle", "rad, error of the base tangent"), *place]

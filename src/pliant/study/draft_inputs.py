@@ -111,15 +111,6 @@ def joints_up_to(end: float, length: float | None) -> list[int]:
     return [k + 1 for k in range(LINKS) if (k + 0.5) * (length or end) / LINKS < 1.05 * end]
 
 
-def chamber_parameters(names: Sequence[str], *, space: bool) -> list[tuple[str, str]]:
-    """Return (name, comment) of the torque parameters of each input: in space two gains, about x and y; in a plane
-    torque_1, the torque per pressure.
-    """
-    if not space:
-        return [(f"{name}.torque_1", "N m/Pa") for name in names]
-    return [(f"{name}.gain_{axis}", f"of the torque of {name} about {axis}") for name in names for axis in "xy"]
-
-
 def channels(out: Lines, trial: Trial, names: Sequence[str]) -> None:
     """Write the entries that say which recorded channel drives which input of the model. Further entries say whether
     the inputs of tendons were measured, and how the model follows inputs that the log held constant between updates.
