@@ -245,13 +245,13 @@ def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, 
     kinds: dict[tuple[str, str], list[int]] = {}
     left = []
     for k in columns:
-        kind = kind_of(table, k)
-        kinds.setdefault(kind, []).append(k) if kind[0] else left.append(k)
+        known = kind_of(table, k)
+        kinds.setdefault(known, []).append(k) if known[0] else left.append(k)
     notes = []
-    for kind, members in kinds.items():
+    for key, members in kinds.items():
         commands = [k for k in members if COMMANDED & set(words_of(table.names[k]))]
         if commands and len(commands) < len(members):
-            kinds[kind] = [k for k in members if k not in commands]
+            kinds[key] = [k for k in members if k not in commands]
             notes.append(f"commands beside measured inputs are not used: {', '.join(table.names[k] for k in commands)}")
     mapping: dict[str, Any] = {}
     for (kind, unit), members in kinds.items():

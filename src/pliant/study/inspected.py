@@ -146,7 +146,20 @@ def channels_of(trials: Sequence[Trial]) -> dict[str, str]:
             channels[stem] = middle
         else:
             channels |= {name: name for name in members}
-    return channels
+    return shortened(channels)
+
+
+def shortened(channels: Mapping[str, str]) -> dict[str, str]:
+    """Return the channels with the words removed that all their names begin with, such as Measured_pressure_, as far as
+    the rest still begins with a letter.
+    """
+    words = [re.split(r"(?<=[_ .:-])", name) for name in channels]
+    shared = [part[0] for part in zip(*words, strict=False) if len(set(part)) == 1] if len(words) > 1 else []
+    for count in range(len(shared), 0, -1):
+        short = ["".join(parts[count:]) for parts in words]
+        if all(name[:1].isalpha() for name in short):
+            return dict(zip(short, channels.values(), strict=True))
+    return dict(channels)
 
 
 def middle_channel(trials: Sequence[Trial], members: Sequence[str]) -> str:

@@ -15,7 +15,6 @@ from pliant.errors import InputError
 from pliant.identification import experiment
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Excitation
-from pliant.preprocessing.detectors import without_spikes
 from pliant.recording.inputs import recorded_inputs
 from pliant.study.toml_text import Lines
 from pliant.study.trial import LEVEL, RETURNED, Trial
@@ -25,8 +24,7 @@ STILL = 0.05  # of the displacement between files: a file whose stations move le
 APART_S = 0.3  # s between rows (median): a soft body has settled before the next row
 JUMP = 0.1  # of the spread of the tip: rows of settled poses differ by more (root mean square)
 ROUGH = 0.8  # change of successive steps over the steps: rows without a motion between them, if no time is known
-ENOUGH = 12.0  # frames for each period of the fastest motion
-SLOW = 0.02  # of the motion's power above that frequency
+FRACTION, FEWEST = 0.02, 1000  # of the motion that thinning may lose, and the frames that it leaves
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
 
@@ -164,7 +162,7 @@ class MeasuredInputs(Kind):
     def entries(self, out: Lines, one: TrialOfDraft) -> None:
         """Write the thinning of a motion that is recorded much faster than it moves."""
         if (every := thinning(one.trial)) > 1:
-            out.put("every", every, f"each such frame is used: still {ENOUGH:.0f} in a period of the fastest motion")
+            out.put("every", every, "each such frame is used: lines between them miss the motion by 2 % at most")
 
 
 class FreeDecay(Kind):
@@ -258,27 +256,23 @@ def waits(trial: Trial) -> bool:
 
 
 def thinning(trial: Trial) -> int:
-    """Return how many frames apart two frames may be, so that 12 frames still show a period of the fastest motion: the
-    frequency below which 98 % of the power of the last station's velocity lies.
+    """Return how many frames apart two frames may be: the frames between them, joined by straight lines, then differ
+    from the recorded ones by at most 2 % of the last station's motion (root mean square).
     """
     time = trial.recording["time"].values
     motion = trial.last_motion
     known = np.isfinite(motion).all(axis=-1)
-    if known.sum() < 200:
-        return 1
-    grid = np.linspace(time[0], time[-1], len(time))
-    even = np.stack([np.interp(grid, time[known], column[known]) for column in motion.T], axis=1)
-    even = without_spikes(even[:, None])[:, 0]
-    frequency = np.fft.rfftfreq(len(grid), grid[1] - grid[0])
-    window = np.hanning(len(grid))[:, None]
-    power = (np.abs(np.fft.rfft(window * (even - even.mean(axis=0)), axis=0)) ** 2).sum(axis=1)
-    noise = float(np.median(power[len(power) // 2 :]))
-    power = np.clip(power - 4 * noise, 0.0, None) * frequency**2
-    total = np.cumsum(power)
-    if not total[-1]:
-        return 1
-    fastest = float(frequency[int(np.searchsorted(total, (1 - SLOW) * total[-1]))])
-    return max(1, int((1.0 / (grid[1] - grid[0])) / (ENOUGH * max(fastest, frequency[1]))))
+    time, motion = time[known], motion[known]
+    most = FRACTION * float(np.sqrt(np.mean((motion - motion.mean(axis=0)) ** 2))) if len(motion) else 0.0
+    best = 1
+    for every in (2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32):
+        if len(motion) < FEWEST * every:
+            break
+        joined = np.stack([np.interp(time, time[::every], column[::every]) for column in motion.T], axis=1)
+        if np.sqrt(np.mean((joined - motion) ** 2)) > most:
+            break
+        best = every
+    return best
 
 
 def moved(trial: Trial, excitation: Excitation) -> str:
