@@ -20,12 +20,14 @@ from pliant.study.toml_text import relative, toml
 from pliant.study.trial import clusters, inspect_trial
 from pliant.testbed.bundle import FOLDER
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 app = typer.Typer()
 app.command()(new)
 
 
 def invoke(*arguments):
-    return CliRunner().invoke(app, [str(a) for a in arguments])
+    return CliRunner().invoke(app, [*(str(a) for a in arguments)])
 
 
 def arc(kappa, s):

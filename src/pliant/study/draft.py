@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -11,6 +12,7 @@ from pliant.options import with_defaults
 from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.plausibility.together import beside
 from pliant.study.doubts import body_warnings
+from pliant.study.draft_check import DraftCheck, check_draft
 from pliant.study.draft_inputs import inputs
 from pliant.study.draft_recordings import recordings
 from pliant.study.draft_selection import selection
@@ -24,7 +26,7 @@ from pliant.study.draft_tables import (
     space_entry,
     weight,
 )
-from pliant.study.inspected import inspect_all
+from pliant.study.inspected import Inspected, inspect_all
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial
 
@@ -41,11 +43,17 @@ class Draft:
         Values that only the user knows; each is marked "?" in the text.
     doubts : tuple of str
         Warnings about recordings or body that look wrong; each is also a comment in the text.
+    inspected : Inspected or None
+        The recordings as they were inspected.
+    check : DraftCheck or None
+        What a check of the study showed; None if it was not checked.
     """
 
     text: str
     questions: tuple[str, ...]
     doubts: tuple[str, ...] = ()
+    inspected: Inspected | None = field(default=None, repr=False)
+    check: DraftCheck | None = None
 
 
 class StatedBody(TypedDict, total=False):
@@ -127,7 +135,39 @@ def draft_study(
     out.table("targets")
     out.say("limits that the report compares the predictions with; remove a line to leave that number unjudged")
     out.put("rmse_percent_of_travel", 5.0)
-    return Draft("\n".join(out.text) + "\n", tuple(dict.fromkeys(out.questions)), doubts)
+    return Draft("\n".join(out.text) + "\n", tuple(dict.fromkeys(out.questions)), doubts, inspected)
+
+
+def checked(draft: Draft, study: str | Path) -> Draft:
+    """Try a drafted study as a run would, and return the draft with what this shows in the first lines of its text: a
+    forecast of the time that a run takes, or why it cannot be run yet. No file is written.
+
+    Parameters
+    ----------
+    draft : Draft
+        As `draft_study` returns it.
+    study : str or Path
+        Path of the study file to be.
+    """
+    if draft.inspected is None:
+        return draft
+    check = check_draft(draft.text, Path(study).parent, draft.inspected)
+    head, _, rest = draft.text.partition("\nname = ")
+    lines = textwrap.wrap(sentence(check), 140, break_long_words=False, break_on_hyphens=False)
+    text = "\n".join([head, *(f"# {line}" for line in lines)]) + f"\nname = {rest}"
+    return replace(draft, text=text, check=check)
+
+
+def sentence(check: DraftCheck) -> str:
+    """Return a sentence on what a check of the study showed."""
+    entries = ", ".join(dict.fromkeys(name.rpartition(".")[2] for name in check.assumed))
+    given = f"with assumed values for {entries}" if entries else "as it is"
+    if check.problem or check.seconds is None:
+        return f"! Tried {given}, this study cannot be run: {check.problem}"
+    minutes = check.seconds / 60
+    size = f"{max(1, round(check.seconds, -1 if check.seconds > 20 else 0)):.0f} s" if minutes < 2 else \
+        f"{minutes:.0f} minutes"
+    return f"Tried {given}, this study can be run. Forecast of the time of a run: {size}."
 
 
 def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:

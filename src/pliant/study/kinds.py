@@ -24,7 +24,7 @@ STILL = 0.05  # of the displacement between files: a file whose stations move le
 APART_S = 0.3  # s between rows (median): a soft body has settled before the next row
 JUMP = 0.1  # of the spread of the tip: rows of settled poses differ by more (root mean square)
 ROUGH = 0.8  # change of successive steps over the steps: rows without a motion between them, if no time is known
-FRACTION, FEWEST = 0.02, 1000  # of the motion that thinning may lose, and the frames that it leaves
+FRACTION, FEWEST = 0.02, 500  # of the motion that thinning may lose, and the frames that it leaves
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
 

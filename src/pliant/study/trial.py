@@ -146,7 +146,14 @@ class Trial:
         """Return whether the file shows a body that moves in space."""
         frame = self.recording.attrs["frame"]
         moves_in_space = self.out_of_plane > OUT_OF_PLANE or bool(self.tendon_inputs)
+        if frame == "tracker" and not moves_in_space and not self.angles_only and self.tracks_one_body:
+            moves_in_space = off_curve(self.last_motion) > OUT_OF_PLANE
         return frame == "spatial" or (frame == "tracker" and moves_in_space)
+
+    @property
+    def tracks_one_body(self) -> bool:
+        """Return whether a single point or rigid body was tracked."""
+        return (len(self.stations) or int(self.recording.sizes["station"])) == 1
 
     @property
     def chambers(self) -> list[str]:
@@ -315,6 +322,21 @@ def from_one_side(trials: Sequence[Trial]) -> list[Trial]:
                 one = replace(trial, aligned=align(trial.grouped, **trial.options, plane=normal, bend=None))
         done.append(one)
     return done
+
+
+def off_curve(motion: np.ndarray) -> float:
+    """Return the fraction of the motion (T, 3) of one point that is off a curve (root mean square). A body that bends
+    in a plane moves its tip along a curve; the plane itself, which contains the base, one point does not show.
+
+    The curve is a cubic polynomial in the coordinate along which the point moves most.
+    """
+    known = motion[np.isfinite(motion).all(axis=1)]
+    away = known - known.mean(axis=0)
+    if len(away) < 10 or not away.any():
+        return 0.0
+    along, across, _ = (away @ np.linalg.svd(away, full_matrices=False)[2].T).T
+    left = across - np.polynomial.Polynomial.fit(along, across, 3)(along)
+    return float(np.sqrt(np.mean(left**2) / np.mean((away**2).sum(axis=1))))
 
 
 def clusters(names: Sequence[str]) -> dict[str, list[str]]:

@@ -1,5 +1,5 @@
-"""Rehearsal of a drafted study: it is prepared and fitted for one step, as a run would do it, with assumed values in
-place of its open questions.
+"""Check of a drafted study: it is prepared and fitted for one step, as a run would do it, with assumed values in place
+of its open questions.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.errors import PliantError
-from pliant.identification import fit
+from pliant.identification import Experiment, fit
 from pliant.identification.fit import parameters_from
 from pliant.selection.search import MINUTES, beginning
 from pliant.study.inspected import Inspected
@@ -27,12 +27,12 @@ from pliant.study.trial import Trial, body_length
 LENGTH, DENSITY, SLENDER, LEVER = 0.2, 1100.0, 10.0, 0.01  # m; kg/m^3; length over diameter; m
 LEVEL_KPA = 30.0
 SEARCH = 40.0  # steps of the first fit that a search of terms takes, typically
-POSES = 40  # settled poses of a file that a rehearsal uses
+POSES, SECONDS, FRAMES = 40, 15.0, 50  # settled poses of a file, and seconds of a motion, that a check uses
 QUICK_S = 5.0  # a first step that is shorter is repeated, so that the compilation of its kernels is not in the forecast
 
 
-class Rehearsal(NamedTuple):
-    """Result of a rehearsal.
+class DraftCheck(NamedTuple):
+    """Result of a check.
 
     Attributes
     ----------
@@ -49,16 +49,15 @@ class Rehearsal(NamedTuple):
     assumed: tuple[str, ...]
 
 
-def rehearsed(text: str, folder: Path, inspected: Inspected) -> Rehearsal:
+def check_draft(text: str, folder: Path, inspected: Inspected) -> DraftCheck:
     """Prepare the study with the content `text`, whose files are relative to `folder`, and take one step of its first
     fit. Open questions are answered by assumed values.
     """
     content = tomllib.loads(text)
     content, assumed = answered(content, inspected)
     if inspected.first.asks_inputs:
-        return Rehearsal("name the columns of the inputs in [mapping]", None, assumed)
+        return DraftCheck("name the columns of the inputs in [mapping]", None, assumed)
     content["folder"] = str(folder.resolve())
-    part = shortened_poses(content, inspected)
     began = clock.perf_counter()
     try:
         with TemporaryDirectory() as place:
@@ -67,14 +66,14 @@ def rehearsed(text: str, folder: Path, inspected: Inspected) -> Rehearsal:
             study = load_study(path)
         prepared, step = one_step(study)
     except PliantError as error:
-        return Rehearsal(str(error).replace(str(path), "the study"), None, assumed)
-    fitting = min(SEARCH * step / part, 60 * MINUTES)
-    return Rehearsal("", 1.3 * (prepared - began) + fitting, assumed)
+        return DraftCheck(str(error).replace(str(path), "the study"), None, assumed)
+    fitting = min(SEARCH * step, 60 * MINUTES)
+    return DraftCheck("", 1.3 * (prepared - began) + fitting, assumed)
 
 
 def one_step(study: Study) -> tuple[float, float]:
     """Prepare a study and take one step of the fit with which its model selection begins. Return when it was prepared
-    and the duration of such a step [s].
+    and the duration of such a step [s]. Long recordings are shortened; the duration is extrapolated.
 
     Raises
     ------
@@ -86,7 +85,7 @@ def one_step(study: Study) -> tuple[float, float]:
         raise ValueError("the study has no model selection")
     ready = prepare_all(study, lambda _line: None)
     prepared = clock.perf_counter()
-    train = [ready.experiments[name] for name in entry.train]
+    train, parts = zip(*(shortened(ready.experiments[name]) for name in entry.train), strict=True)
     first = beginning(ready.model, train, parameters_from(entry.common))
     step = 0.0
     for _ in range(2):
@@ -96,27 +95,39 @@ def one_step(study: Study) -> tuple[float, float]:
         step = clock.perf_counter() - began
         if step > QUICK_S:
             break
-    return prepared, step
+    return prepared, step / float(np.mean(parts))
 
 
-def shortened_poses(content: dict[str, Any], inspected: Inspected) -> float:
-    """Limit the settled poses of each file of the study's `content` to a few. Return the fraction that is left."""
-    parts = [1.0]
-    for trial in inspected.trials:
-        entry, rows = content["recordings"].get(trial.name, {}), trial.recording.sizes["time"]
-        if entry.get("poses") is True and rows > POSES:
-            entry["part"] = [0.0, POSES / rows]
-            parts.append(POSES / rows)
-    return min(parts)
+def shortened(exp: Experiment) -> tuple[Experiment, float]:
+    """Return an experiment with its first seconds alone, or of many settled poses with a few, and the fraction of its
+    frames that are left. A pulse, a step and a release are left whole.
+    """
+    count = exp.time.size
+    if exp.poses:
+        short = exp.thinned(max(1, count // POSES))
+    elif exp.excitation == "trace":
+        short = exp.with_rows(slice(0, max(FRAMES, int(np.searchsorted(exp.time - exp.time[0], SECONDS)))))
+    else:
+        return exp, 1.0
+    return short, short.time.size / count
 
 
 def answered(content: Mapping[str, Any], inspected: Inspected) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return the content of a drafted study with an assumed value for each open question, and the names of the entries
     for which a value was assumed.
     """
-    trial = inspected.first
-    content = json.loads(json.dumps(content))
+    filled: dict[str, Any] = json.loads(json.dumps(content))
     assumed: list[str] = []
+    fill(filled, "", assumed_values(filled, inspected.first), assumed)
+    for k, (name, entry) in enumerate(filled["recordings"].items()):
+        for one in entry.get("inputs", {}):
+            if f"recordings.{name}.inputs.{one}" in assumed:
+                entry["inputs"][one] = 1.0 + k  # different values, so that the poses differ
+    return filled, tuple(dict.fromkeys(assumed))
+
+
+def assumed_values(content: Mapping[str, Any], trial: Trial) -> dict[str, Any]:
+    """Return the values to assume, by the path of the entry or by its last name."""
     length = content["actuator"].get("length")
     length = (body_length(trial) or spread(trial)) if length in (None, OPEN) else length
     tangent = direction(trial)
@@ -125,48 +136,26 @@ def answered(content: Mapping[str, Any], inspected: Inspected) -> tuple[dict[str
         "actuator.gravity": [0.0, 0.0, 0.0], "fibre.body_length": length,
         "alignment.options.tangent": tangent, "alignment.options.origin": origin(trial, tangent, length),
         "camera.rate_hz": 30.0, "camera.pixels_per_mm": 1.0, "mapping.angle_unit": "deg",
-        "mapping.pressure_unit": "kPa",
+        "mapping.pressure_unit": "kPa", "driven_by": "tension", "lever": LEVER, "pulley": 2 * LEVER,
+        "nominal_pressure": LEVEL_KPA,
     }  # fmt: skip
-    if trial.guess is not None and content.get("mapping"):
-        for name, value in trial.guess.neutral.items():
-            if name in trial.guess.questions:
-                values[f"mapping.{name}"] = value
-    if trial.asks_inputs:
-        content["mapping"].pop("pressure")
-
-    def fill(node: dict[str, Any], where: str) -> None:
-        for name, value in node.items():
-            path = f"{where}.{name}" if where else name
-            if path in values and OPEN in json.dumps(value):
-                node[name] = values[path]
-                assumed.append(path)
-            elif isinstance(value, dict):
-                fill(value, path)
-            elif value == OPEN:
-                node[name] = by_name(name, inspected)
-                assumed.append(path)
-            elif isinstance(value, list):
-                for one in (v for v in value if isinstance(v, dict)):
-                    fill(one, path)
-
-    fill(content, "")
-    levels(content, assumed)
-    return content, tuple(assumed)
+    guess = trial.guess
+    return values | ({f"mapping.{name}": guess.neutral[name] for name in guess.questions} if guess else {})
 
 
-def by_name(name: str, inspected: Inspected) -> Any:
-    """Return the value assumed for an entry of a tendon, or for a pressure that was not recorded."""
-    if name == "driven_by":
-        return "tension"
-    return {"lever": LEVER, "pulley": 2 * LEVER, "nominal_pressure": LEVEL_KPA}.get(name, 1.0)
-
-
-def levels(content: dict[str, Any], assumed: list[str]) -> None:
-    """Give the assumed inputs of settled poses different values, so that the poses differ."""
-    for k, (name, entry) in enumerate(content["recordings"].items()):
-        for one in entry.get("inputs", {}):
-            if f"recordings.{name}.inputs.{one}" in assumed:
-                entry["inputs"][one] = 1.0 + k
+def fill(node: dict[str, Any], where: str, values: Mapping[str, Any], assumed: list[str]) -> None:
+    """Replace the open questions in a table and the tables in it by `values`, and add their paths to `assumed`."""
+    for name, value in node.items():
+        path = f"{where}.{name}" if where else name
+        if path in values and OPEN in json.dumps(value):
+            node[name] = values[path]
+            assumed.append(path)
+        elif value == OPEN:
+            node[name] = values.get(name, 1.0)
+            assumed.append(path)
+        for table in value if isinstance(value, list) else [value]:
+            if isinstance(table, dict) and path not in assumed:
+                fill(table, path, values, assumed)
 
 
 def spread(trial: Trial) -> float:
@@ -178,9 +167,7 @@ def spread(trial: Trial) -> float:
 
 
 def direction(trial: Trial) -> list[float]:
-    """Return the axis of the tracker along which the last station moves least, taken as the base tangent: downwards if
-    it is an axis with negative positions alone.
-    """
+    """Return the axis of the tracker along which the last station moves least, downwards, as the base tangent."""
     if trial.angles_only or trial.recording.attrs["frame"] != "tracker":
         return [0.0, 1.0]
     tip = trial.recording["position"].values[:, -1]
