@@ -54,5 +54,5 @@ def test_a_draft_that_cannot_be_run_is_written_all_the_same(tmp_path):
     done = invoke("new", tmp_path / "s.toml", "--from", FOLDER / "pulse_119.nc", "--length", "2m", "--mass", "69g")
     assert done.exit_code == 0, done.output
     text = (tmp_path / "s.toml").read_text(encoding="utf-8")
-    assert "# ! Tried as it is, this study cannot be run: recording pulse_119:" in text
+    assert "# ! Tried as it is, this study cannot be run: the tip lies 186.3 mm along the fibre, less than" in text
     assert "next: change what its first lines name, then run: pliant run" in done.stdout

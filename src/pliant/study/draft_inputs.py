@@ -52,8 +52,22 @@ def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
             out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
             continue
         out.item("actuator.tendons", name)
+        azimuth_of(out, azimuth_of_poses(inspected, name))
         out.ask("driven_by", "tension, displacement or angle of its motor; a pressure chamber is [[actuator.chambers]]")
         out.ask("lever", "m, distance of the tendons from the axis")
+
+
+def azimuth_of_poses(inspected: Inspected, name: str) -> int | None:
+    """Return the azimuth [degrees] of a tendon from the pose in which it moves the last station farthest from the axis
+    of the base; None if no pose could be aligned.
+    """
+    levels = levels_by_name(inspected.trials)
+    tips = [np.nanmedian(trial.last_motion[:, :2], axis=0) for trial in inspected.trials
+            if trial.aligned is not None and levels[trial.name][name] != 0.0]  # fmt: skip
+    if not tips:
+        return None
+    farthest = max(tips, key=lambda tip: float(np.linalg.norm(tip)))
+    return round(float(np.degrees(np.arctan2(farthest[1], farthest[0])) % 360.0))
 
 
 def chambers_in_plane(out: Lines, inspected: Inspected) -> None:

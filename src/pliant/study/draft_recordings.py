@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from pliant.errors import InputError
 from pliant.preprocessing.quality import standing_stations
+from pliant.preprocessing.rest import rest_window
 from pliant.recording.typed_steps import held_sentences
 from pliant.study.draft_inputs import channels
 from pliant.study.inspected import Inspected
-from pliant.study.kinds import TrialOfDraft
+from pliant.study.kinds import Kind, TrialOfDraft
 from pliant.study.toml_text import Lines, key, relative
 from pliant.study.trial import Trial
 
+REST = 0.05  # of a free decay: its end, taken as rest
 
 def recordings(out: Lines, inspected: Inspected, folder: Path, level: float | None) -> None:
     """Write the tables of all files. Trials that a column of a file numbers have one table."""
@@ -45,6 +50,24 @@ def recording(out: Lines, trial: Trial, inspected: Inspected, folder: Path, leve
     if (moving := moving_beside(trial)) is not None:
         out.put("stations", moving, "the stations that move, tip last")
     kind.entries(out, candidate)
+    if (rest := stated_rest(trial, kind)) is not None:
+        out.put("alignment", {"options": {"rest": rest}}, "s: the body is never at rest; here it is nearest to it")
+
+
+def stated_rest(trial: Trial, kind: Kind) -> list[float] | None:
+    """Return the time [start, end] [s] to take as that of rest, if the base was not tracked and the body is never at
+    rest: the end of a free decay, else the first frames. None if the run finds a rest itself.
+    """
+    if trial.options or trial.angles_only or kind.poses or trial.recording.attrs["frame"] != "tracker":
+        return None
+    time = trial.recording["time"].values
+    try:
+        rest_window(trial.grouped)
+    except InputError:
+        last = float(np.ptp(time)) * REST if kind.excitation == "release" else 0.0
+        begin = float(time[-1]) - last if last else float(time[0])
+        return [round(begin, 3), round(begin + max(last, float(time[min(5, len(time) - 1)] - time[0])), 3)]
+    return None
 
 
 def moving_beside(trial: Trial) -> list[str] | None:

@@ -180,6 +180,8 @@ class FreeDecay(Kind):
         """Write the excitation, and how to state a pressure instead."""
         when = moved(one.trial, self.excitation)
         out.put("excitation", "release", self.evidence(one) + (f" ({when})" if when else ""))
+        if pulled_aside(one.trial):
+            out.put("held", "measured", 'pulled aside before; "unloaded" if a hand held it straight')
         out.say('if a pressure moved the body, use these instead: nominal_pressure = 20.0 and pressure_unit = "kPa"')
 
 
@@ -233,6 +235,19 @@ KINDS: tuple[Kind, ...] = (PoseOfFile(), PoseOfRow(), MeasuredInputs(), FreeDeca
 def recognised(trials: Sequence[Trial]) -> dict[str, Kind]:
     """Return the kind of each recording, by its name."""
     return {t.name: next(kind for kind in KINDS if kind.evidence(TrialOfDraft(t, trials))) for t in trials}
+
+
+def pulled_aside(trial: Trial) -> bool:
+    """Return whether a body that is released begins more bent than it ends: its last station is then nearer to the base
+    or, if that was not tracked, to the first station.
+    """
+    if trial.angles_only or (len(trial.stations) or trial.recording.sizes["station"]) < 2:
+        return False
+    recording = trial.grouped
+    place = recording["position"].values
+    base = [str(s) for s in recording["station"].values].index(trial.base) if trial.options else 0
+    chord = np.linalg.norm(place[:, -1] - place[:, base], axis=-1)
+    return bool(np.nanmedian(chord[:5]) < np.nanmedian(chord[-max(5, len(chord) // 20):]))
 
 
 def returned(trial: Trial) -> bool:
