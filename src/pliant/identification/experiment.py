@@ -288,7 +288,10 @@ class Experiment(Shown):
 
     def thinned(self, every: int) -> Experiment:
         """Return the experiment with each `every`-th frame. Its inputs keep all their samples."""
-        rows = slice(None, None, every)
+        return self.with_rows(slice(None, None, every))
+
+    def with_rows(self, rows: slice) -> Experiment:
+        """Return the experiment with some of its frames. Its inputs keep all their samples."""
         further = {name: f._replace(values=f.values[rows]) for name, f in self.further.items()}
         angle, orientation = (None if a is None else a[rows] for a in (self.angle, self.orientation))
         return replace(self, time=self.time[rows], position=self.position[rows], angle=angle, orientation=orientation,
