@@ -33,8 +33,8 @@ class FirstReading(NamedTuple):
 
 
 def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
-    """Read a recording as its format and mapping state. If that fails, or finds no input in a table that has some, read
-    it with assumed entries.
+    """Read a recording as its format and mapping state. If that fails, or misses the inputs or trials of a table, read it
+    with assumed entries.
     """
     stated = mapping or {}
     try:
@@ -51,8 +51,9 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
     if {"pressure", "actuation", "angle"} & set(recording) or "position" not in recording:
         return FirstReading(recording, {})
     guess = guessed_table(path, stated)
-    return FirstReading(read_shape(path, guess.neutral), {}, guess) if guess and guess.has_inputs else \
-        FirstReading(recording, {})
+    if guess is None or not (guess.has_inputs or guess.trials) or "select" in stated:
+        return FirstReading(recording, {})
+    return FirstReading(read_shape(path, guess.neutral), {}, guess)
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
