@@ -192,3 +192,20 @@ stations = { tip = { position = ["arm_tip_x", "arm_tip_y", "arm_tip_z"] } }
     assert "tendons" not in study["actuator"]
     assert study["recordings"]["run"]["mapping"]["pressure"]["columns"] == ["tendon_mm"]
     assert "mapping" not in study
+
+
+def test_a_base_that_is_labelled_late_is_aligned_by_a_later_rest(tmp_path):
+    t = np.arange(0.0, 4.0, 0.01)
+    bend = 3.0 * (np.clip((t - 0.5) / 0.1, 0, 1) - np.clip((t - 2.5) / 0.1, 0, 1)) + 1e-6
+    columns = {"t": t, "p_kpa": 10.0 * bend}
+    for name, s in (("base", 0.0), ("mid", 0.1), ("tip", 0.2)):
+        place = np.column_stack([(np.cos(bend * s) - 1) / bend, np.sin(bend * s) / bend, 0 * t])
+        place += 1e-5 * RNG.standard_normal(place.shape)
+        place[: 150 if name == "base" else 0] = np.nan
+        columns |= {f"{name}_{a}": place[:, k] for k, a in enumerate("xyz")}
+    study = drafted(tmp_path, table(tmp_path / "late.csv", columns))
+    begin, end = study["recordings"]["late"]["alignment"]["options"]["rest"]
+    assert 2.6 < begin < end < 4.0
+    assert study["actuator"]["length"] == pytest.approx(0.2, abs=1e-3)
+    assert "not all stations are labelled in the first 150 frames" in study["text"]
+    assert "rest" not in study["alignment"]["options"]

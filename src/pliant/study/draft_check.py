@@ -19,6 +19,7 @@ from pliant.identification import Experiment
 from pliant.identification.fit import check_identifiable, first_problem, parameters_from, starts_of
 from pliant.selection.search import MINUTES, beginning
 from pliant.study.inspected import Inspected
+from pliant.study.prepare import without
 from pliant.study.run import prepare_all
 from pliant.study.schema import Study, load_study
 from pliant.study.shorthand import OPEN
@@ -82,10 +83,10 @@ def first_step(study: Study, *, whole: bool) -> float:
         When the study cannot be prepared, its first model cannot be simulated or, with `whole`, its recordings do not
         determine the parameters.
     """
-    entry = study.model_selection
+    ready = prepare_all(study, lambda _line: None)
+    entry = without(study, ready.dropped, ready.doubts).model_selection
     if entry is None:
         raise ValueError("the study has no model selection")
-    ready = prepare_all(study, lambda _line: None)
     train, parts = zip(*(shortened(ready.experiments[name]) for name in entry.train), strict=True)
     first = beginning(ready.model, train, parameters_from(entry.common))
     problem = first_problem(train, ready.model, first, study.time_step, entry.weighting)

@@ -30,6 +30,7 @@ from pliant.study.aligned import with_pressure
 from pliant.study.column_guess import TableGuess
 from pliant.study.doubts import unit_warning_first
 from pliant.study.first_reading import FirstReading, read_or_guess, several
+from pliant.study.later_rest import later_rest
 from pliant.units import PASCAL, pascal_per
 
 LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
@@ -284,8 +285,11 @@ def with_alignment(trial: Trial, *, space: bool = False, rest: tuple[float, floa
         return replace(trial, aligned=None, problem=NO_BASE)
     try:
         with unit_warning_first(trial.quality.doubts):
-            return replace(trial, aligned=align(trial.grouped, **trial.options, space=space, rest=rest), problem="")
+            aligned = align(trial.grouped, **{"rest": rest, **trial.options}, space=space)
+            return replace(trial, aligned=aligned, problem="")
     except InputError as error:
+        if rest is None and "rest" not in trial.options and (later := later_rest(trial.grouped)):
+            return with_alignment(replace(trial, options={**trial.options, "rest": later}), space=space)
         return replace(trial, aligned=None, problem=str(error))
 
 
@@ -421,4 +425,5 @@ def body_length(trial: Trial) -> float | None:
     if "arc_length" in trial.aligned.coords:
         return float(trial.aligned["arc_length"].values[-1])
     first = trial.last_motion[:10]
-    return float(np.linalg.norm(np.nanmedian(first, axis=0)))
+    length = float(np.linalg.norm(np.median(first[np.isfinite(first).all(axis=1)], axis=0)))
+    return length if np.isfinite(length) else None
