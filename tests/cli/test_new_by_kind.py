@@ -92,6 +92,17 @@ def test_rows_that_jump_are_settled_poses_and_the_validation_file_judges(tmp_pat
     assert study["model_selection"]["common"]["damping"] == {"value": 1e-3, "free": False}
 
 
+def test_inspect_shows_the_proposed_columns(tmp_path):
+    inputs = moving(400)[1]
+    columns = {**{f"servo_{k}_mm": 9.0 * inputs[:, k] for k in range(3)}, **body_columns(1e3 * tip_of(inputs))}
+    done = invoke("inspect", table(tmp_path / "run.csv", columns))
+    assert done.exit_code == 0, done.exception or done.output
+    assert "its columns are proposed from names, units and ranges" in done.stdout
+    assert "? rate_hz: rows a second: the table has no column of time" in done.stdout
+    assert "positions are taken in mm, by their range" in done.stdout
+    assert "servo_0_mm: 0 to 9 mm" in done.stdout
+
+
 def test_the_same_inputs_in_a_motion_are_no_poses(tmp_path):
     t, inputs = moving(3000)
     columns = {"timestamp": t, **{f"servo_{k}_mm": 9.0 * inputs[:, k] for k in range(3)},
