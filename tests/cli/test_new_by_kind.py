@@ -92,6 +92,17 @@ def test_rows_that_jump_are_settled_poses_and_the_validation_file_judges(tmp_pat
     assert study["model_selection"]["common"]["damping"] == {"value": 1e-3, "free": False}
 
 
+def test_inspect_shows_the_proposed_columns(tmp_path):
+    inputs = moving(400)[1]
+    columns = {**{f"servo_{k}_mm": 9.0 * inputs[:, k] for k in range(3)}, **body_columns(1e3 * tip_of(inputs))}
+    done = invoke("inspect", table(tmp_path / "run.csv", columns))
+    assert done.exit_code == 0, done.exception or done.output
+    assert "its columns are proposed from names, units and ranges" in done.stdout
+    assert "? rate_hz: rows a second: the table has no column of time" in done.stdout
+    assert "positions are taken in mm, by their range" in done.stdout
+    assert "servo_0_mm: 0 to 9 mm" in done.stdout
+
+
 def test_the_same_inputs_in_a_motion_are_no_poses(tmp_path):
     t, inputs = moving(3000)
     columns = {"timestamp": t, **{f"servo_{k}_mm": 9.0 * inputs[:, k] for k in range(3)},
@@ -192,3 +203,20 @@ stations = { tip = { position = ["arm_tip_x", "arm_tip_y", "arm_tip_z"] } }
     assert "tendons" not in study["actuator"]
     assert study["recordings"]["run"]["mapping"]["pressure"]["columns"] == ["tendon_mm"]
     assert "mapping" not in study
+
+
+def test_a_base_that_is_labelled_late_is_aligned_by_a_later_rest(tmp_path):
+    t = np.arange(0.0, 4.0, 0.01)
+    bend = 3.0 * (np.clip((t - 0.5) / 0.1, 0, 1) - np.clip((t - 2.5) / 0.1, 0, 1)) + 1e-6
+    columns = {"t": t, "p_kpa": 10.0 * bend}
+    for name, s in (("base", 0.0), ("mid", 0.1), ("tip", 0.2)):
+        place = np.column_stack([(np.cos(bend * s) - 1) / bend, np.sin(bend * s) / bend, 0 * t])
+        place += 1e-5 * RNG.standard_normal(place.shape)
+        place[: 150 if name == "base" else 0] = np.nan
+        columns |= {f"{name}_{a}": place[:, k] for k, a in enumerate("xyz")}
+    study = drafted(tmp_path, table(tmp_path / "late.csv", columns))
+    begin, end = study["recordings"]["late"]["alignment"]["options"]["rest"]
+    assert 2.6 < begin < end < 4.0
+    assert study["actuator"]["length"] == pytest.approx(0.2, abs=1e-3)
+    assert "not all stations are labelled in the first 150 frames" in study["text"]
+    assert "rest" not in study["alignment"]["options"]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from command_line import invoke
+from small_study import table, write_recording
 
 from pliant.testbed.bundle import FOLDER
 
@@ -20,9 +21,13 @@ def drafted(folder: Path, *names: str) -> dict:
     return tomllib.loads((folder / "s.toml").read_text(encoding="utf-8"))
 
 
+@pytest.mark.usefixtures("untried")
 def test_a_single_recording_chooses_too(tmp_path):
-    content = drafted(tmp_path, "pulse_119")
-    assert content["model_selection"] == {"train": ["pulse_119"], "minutes": 5}
+    file = write_recording(tmp_path / "push.csv", table(60.0))
+    assert invoke("new", tmp_path / "s.toml", "--from", file).exit_code == 0
+    content = tomllib.loads((tmp_path / "s.toml").read_text(encoding="utf-8"))
+    assert content["model_selection"]["train"] == ["push"]
+    assert "held_out" not in content["model_selection"]
     assert "fits" not in content
 
 
@@ -38,21 +43,28 @@ def test_the_report_of_a_draft_has_a_verdict(tmp_path, names, bound):
     assert "The target is met." in done.stdout
 
 
+def tried(folder: Path, *options: str) -> tuple[str, str]:
+    """The text of a draft of one small recording, and what the program says."""
+    file = write_recording(folder / "push.csv", table(60.0))
+    done = invoke("new", folder / "s.toml", "--from", file, *options)
+    assert done.exit_code == 0, done.output
+    return (folder / "s.toml").read_text(encoding="utf-8"), done.stdout
+
+
+@pytest.mark.slow
 def test_a_draft_is_tried(tmp_path):
-    """The first lines state the time of a run, or with which assumed values the study cannot be run, and why."""
-    drafted(tmp_path, "pulse_119")
-    assert "Tried as it is, this study can be run. Forecast of the time of a run:" in (tmp_path / "s.toml").read_text()
-    done = invoke("new", tmp_path / "t.toml", "--from", FOLDER / "pulse_119.nc", "--length", "170mm", "--json")
-    answer = json.loads(done.stdout)
+    """The first lines state the time of a run and the entries for which values were assumed."""
+    text, said = tried(tmp_path, "--length", "120mm", "--json")
+    assert "# Tried with assumed values for mass, this study can be run. Forecast of the time of a run:" in text
+    answer = json.loads(said)
     assert answer["problem"] == ""
-    assert 1.0 < answer["forecast_s"] < 420.0
-    assert "# Tried with assumed values for mass, this study can be run." in (tmp_path / "t.toml").read_text()
+    assert 0.5 < answer["forecast_s"] < 420.0
 
 
 def test_a_draft_that_cannot_be_run_is_written_all_the_same(tmp_path):
-    """A body too long for the recording: the fibre has no point so far from its cap."""
-    done = invoke("new", tmp_path / "s.toml", "--from", FOLDER / "pulse_119.nc", "--length", "2m", "--mass", "69g")
-    assert done.exit_code == 0, done.output
-    text = (tmp_path / "s.toml").read_text(encoding="utf-8")
-    assert "# ! Tried as it is, this study cannot be run: the tip lies 186.3 mm along the fibre, less than" in text
-    assert "next: change what its first lines name, then run: pliant run" in done.stdout
+    text, said = tried(tmp_path, "--length", "30mm", "--mass", "50g")
+    first = text.partition("\nname = ")[0].replace("\n# ", " ")
+    assert "! Tried as it is, this study cannot be run: " in first
+    assert "station tip is" in first
+    assert "check the tracking there and the stated length" in first
+    assert "next: change what its first lines name, then run: pliant run" in said

@@ -52,7 +52,11 @@ def recording(out: Lines, trial: Trial, inspected: Inspected, folder: Path, leve
     if (moving := moving_beside(trial)) is not None:
         out.put("stations", moving, "the stations that move, tip last")
     kind.entries(out, candidate)
-    if (rest := stated_rest(trial, kind)) is not None:
+    if "rest" in trial.options:
+        seen = np.isfinite(trial.grouped["position"].values).all(axis=(1, 2))
+        out.put("alignment", {"options": {"rest": trial.options["rest"]}},
+                f"s: not all stations are labelled in the first {int(np.argmax(seen))} frames, the rest before")
+    elif (rest := stated_rest(trial, kind)) is not None:
         out.put("alignment", {"options": {"rest": rest}}, "s: the body is never at rest; here it is nearest to it")
 
 

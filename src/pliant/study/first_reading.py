@@ -33,8 +33,8 @@ class FirstReading(NamedTuple):
 
 
 def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
-    """Read a recording as its format and mapping state. If that fails, or misses the inputs or trials of a table, read it
-    with assumed entries.
+    """Read a recording as its format and mapping state. If that fails, or misses the inputs or trials of a table, read
+    it with assumed entries.
     """
     stated = mapping or {}
     try:

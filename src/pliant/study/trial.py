@@ -22,14 +22,13 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.glitches import leave_out_glitches
 from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
-from pliant.preprocessing.sync import shift_pressure, sync
-from pliant.recording import read
 from pliant.recording.inputs import RecordedInput, recorded_inputs
 from pliant.sensing import read_shape
-from pliant.study.aligned import with_pressure
+from pliant.study.aligned import with_log
 from pliant.study.column_guess import TableGuess
 from pliant.study.doubts import unit_warning_first
 from pliant.study.first_reading import FirstReading, WithLog, read_or_guess, several
+from pliant.study.later_rest import later_rest
 from pliant.units import PASCAL, pascal_per
 
 LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
@@ -285,20 +284,6 @@ def inspect_reading(files: WithLog, reading: FirstReading, number: int | None = 
     return trial if trial.capped else with_alignment(trial)
 
 
-def with_log(
-    recording: xr.Dataset, log: Path, name: str, mapping: Mapping[str, Any] | None = None
-) -> tuple[xr.Dataset, str]:
-    """Return the recording with the pressures of a separate log on the clock of the shape, and "". If the offset
-    between the two clocks cannot be estimated, return the pressures on the log's own clock, and the reason.
-    """
-    joined = with_pressure(recording, read(log, mapping=mapping), name, log.name)
-    try:
-        offset = sync(joined, drift=True)
-    except InputError as error:
-        return joined, f"the clock of {log.name} cannot be moved to that of the shape: {error}"
-    return shift_pressure(joined, offset.delay_s, offset.drift), ""
-
-
 def with_alignment(trial: Trial, *, space: bool = False, rest: tuple[float, float] | None = None) -> Trial:
     """Return the trial with its recording aligned in the plane or in space, or with the reason why it cannot be. With
     `rest` (start, end) [s] the body is at rest then.
@@ -307,8 +292,11 @@ def with_alignment(trial: Trial, *, space: bool = False, rest: tuple[float, floa
         return replace(trial, aligned=None, problem=NO_BASE)
     try:
         with unit_warning_first(trial.quality.doubts):
-            return replace(trial, aligned=align(trial.grouped, **trial.options, space=space, rest=rest), problem="")
+            aligned = align(trial.grouped, **{"rest": rest, **trial.options}, space=space)
+            return replace(trial, aligned=aligned, problem="")
     except InputError as error:
+        if rest is None and "rest" not in trial.options and (later := later_rest(trial.grouped)):
+            return with_alignment(replace(trial, options={**trial.options, "rest": later}), space=space)
         return replace(trial, aligned=None, problem=str(error))
 
 
@@ -447,4 +435,5 @@ def body_length(trial: Trial) -> float | None:
     if "arc_length" in trial.aligned.coords:
         return float(trial.aligned["arc_length"].values[-1])
     first = trial.last_motion[:10]
-    return float(np.linalg.norm(np.nanmedian(first, axis=0)))
+    length = float(np.linalg.norm(np.median(first[np.isfinite(first).all(axis=1)], axis=0)))
+    return length if np.isfinite(length) else None
