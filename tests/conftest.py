@@ -153,3 +153,9 @@ def shared_data() -> Path:
 def rng() -> np.random.Generator:
     """Random numbers that are the same in every run."""
     return np.random.default_rng(20181113)
+
+
+@pytest.fixture
+def untried(monkeypatch):
+    """`pliant new` leaves its drafts untried, which takes as long as the first steps of a fit."""
+    monkeypatch.setattr("pliant.study.draft.checked", lambda draft, _study: draft)

@@ -15,6 +15,8 @@ from pliant.preprocessing.align import align
 from pliant.recording import make_recording, write
 from pliant.simulation import Trace, simulate
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 TIME = np.arange(0.0, 2.4, 0.02)
 BASE = np.array([0.53, 0.80, 0.18])  # m, of the base in the axes of the tracker
 

@@ -64,9 +64,11 @@ def test_a_wrong_unit_is_named(model, option, text, sentence):
     assert sentence in " ".join((done.output + str(done.exception)).split())
 
 
+@pytest.mark.usefixtures("untried")
 def test_a_draft_takes_units(tmp_path):
     recording = write_recording(tmp_path / "a.csv", table(60.0))
-    done = invoke("new", tmp_path / "s.toml", "--from", recording, "--length", "120mm", "--mass", "50g", "--json")
+    body = ["--length", "120mm", "--mass", "50g"]
+    done = invoke("new", tmp_path / "s.toml", "--from", recording, *body, "--json")
     assert done.exit_code == 0, done.exception or done.output
     assert json.loads(done.stdout)["open"] == []
     assert "length = 0.12  # m, as you stated\nmass = 0.05  # kg, as you stated" in (tmp_path / "s.toml").read_text()

@@ -21,7 +21,6 @@ from pliant.validation.draw import figures_of
 from pliant.validation.metrics_file import MetricsFile
 from pliant.validation.store import load_outcome
 
-STARTS = "[fits.first]\nstarts = 1"  # the others end where the first does
 UNITS = {"angle_unit": "deg", "pressure_unit": "kPa"}
 
 
@@ -32,7 +31,7 @@ def ran(tmp_path_factory):
     draft = draft_study([bundled_log(name) for name in LOGGED], folder / "flex.toml", length=0.17, mass=0.075)
     assert {q.partition(":")[0] for q in draft.questions} == {"angle_unit", "pressure_unit"}
     text = draft.text.replace('angle_unit = "?"', 'angle_unit = "deg"')
-    text = text.replace('pressure_unit = "?"', 'pressure_unit = "kPa"').replace("[fits.first]", STARTS)
+    text = text.replace('pressure_unit = "?"', 'pressure_unit = "kPa"')
     (folder / "flex.toml").write_text(text, encoding="utf-8")
     told: list[str] = []
     return text, folder, run_study(load_study(folder / "flex.toml"), folder / "out", progress=told.append), told
@@ -77,7 +76,8 @@ def test_results_come_back_and_are_drawn_without_a_path(ran):
     assert repr(again) == repr(outcome)
     MetricsFile.model_validate(json.loads((folder / "out" / "metrics.json").read_text(encoding="utf-8")))
     names = [name for name, figure in figures_of(again, ["angle_pulse_119"], only=True)]
-    assert names[:2] == ["first-angle_pulse_119-motion", "first-angle_pulse_119-residual"]
+    assert names[:2] == [
+        "model_selection-angle_pulse_119-motion", "model_selection-angle_pulse_119-residual"]
 
 
 @pytest.mark.slow

@@ -237,3 +237,15 @@ def test_rest_before_a_pressure_takes_three_frames(frames, found):
     ds = xr.Dataset({"pressure": ("pressure_time", pressure)},
                     {"time": 0.01 * np.arange(20), "pressure_time": 0.01 * np.arange(20) - 1e-9})  # fmt: skip
     assert before_inputs(ds) == (None if found is None else pytest.approx(found))
+
+
+def test_poses_that_follow_each_other_at_random_show_a_plane():
+    rng = np.random.default_rng(3)
+    angle = rng.uniform(-0.6, 0.6, 40)  # one station on an arc in the x-z plane, in another pose in each frame
+    tip = 0.1 * np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)]) + 1e-5 * rng.standard_normal((40, 3))
+    recording = make_recording(np.arange(40.0), tip[:, None], station=["tip"])
+    options = {"origin": [0.0, 0.0, 0.0], "tangent": "+z", "space": True}
+    aligned = align(recording, rest=(0.0, 39.0), **options)
+    assert abs(alignment_of(aligned).normal[1]) > 0.999
+    with pytest.raises(InputError, match="no station moves"):
+        align(recording, rest=(0.0, 5.0), **options)

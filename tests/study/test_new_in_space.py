@@ -68,7 +68,7 @@ def test_a_body_in_space_is_recognised_and_both_options_are_offered(tmp_path):
     assert 'drive = { left = "left", right = "right" }' in draft.text
     found = [float(line.split()[2]) for line in draft.text.splitlines() if line.startswith("azimuth_deg")]
     assert (found[1] - found[0]) % 360 == pytest.approx(120, abs=1.1)  # whole degrees
-    assert 'base_tilt_x = "free"' in draft.text
+    assert "base_tilt" not in draft.text  # a term that the run chooses
     (tmp_path / "s.toml").write_text(draft.text)
     model = study_model(load_study(tmp_path / "s.toml").actuator, None)
     np.testing.assert_allclose(model.chambers[1].joint_gain, np.sin(np.radians(found[1])), atol=1e-12)
@@ -109,15 +109,14 @@ def test_what_cannot_be_drafted_in_space_says_so(tmp_path):
 def test_the_drafted_study_finds_the_body(folder):
     draft = draft_study([folder / "run0.nc", folder / "run1.nc"], folder / "s.toml", mass=0.1, gravity=GRAVITY)
     text = draft.text.replace("links = 5", "links = 3")
-    text = text.replace("[fits.first]\n", "[fits.first]\nstarts = 1\n")
     text = f"time_step = 5e-3\n{text}"
     (folder / "s.toml").write_text(text)
     outcome = run_study(load_study(folder / "s.toml"))
     fit = outcome.fits[0].result
     values = {name: entry["value"] for name, entry in fit.to_dict()["parameters"].items()}
-    assert values["stiffness"] == pytest.approx(0.45, rel=0.01)
+    assert values["stiffness"] == pytest.approx(0.45, rel=0.02)  # the error of the base tangent was not worth a term
     size = [np.hypot(values[f"{c}.gain_x"], values[f"{c}.gain_y"]) for c in ("left", "right")]
-    np.testing.assert_allclose(size, 2.0, rtol=0.01)  # of 1e-6 N m/Pa
+    np.testing.assert_allclose(size, 2.0, rtol=0.02)  # of 1e-6 N m/Pa
     turns = [np.arctan2(values[f"{c}.gain_x"], -values[f"{c}.gain_y"]) for c in ("left", "right")]
     assert np.degrees(turns[1] - turns[0]) % 360 == pytest.approx(120, abs=0.5)
     held_out = next(r for r in outcome.fits[0].records if r.name == "run1")

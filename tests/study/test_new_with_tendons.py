@@ -82,16 +82,16 @@ def test_an_input_of_another_kind_is_refused(drive):
         check_driven(wrong, [one])
 
 
-def test_a_recording_without_rest_gets_its_tendons_with_open_questions(tmp_path):
+def test_the_run_estimates_the_azimuths_that_a_recording_without_rest_does_not_show(tmp_path):
     whole = arm()
     moving = whole.isel(time=slice(30, None), input_time=slice(30, None))
     write(moving, tmp_path / "run.nc")
     draft = draft_study([tmp_path / "run.nc"], tmp_path / "s.toml", mass=0.1)
-    assert draft.text.count('azimuth_deg = "?"') == 3
-    assert sum(q.startswith("azimuth_deg") for q in draft.questions) == 1
+    assert draft.text.count("[[actuator.tendons]]") == 3
+    assert "azimuth_deg" not in draft.text
     assert "\nspace = true" in draft.text
-    assert 'base_tilt_x = "free"' in draft.text
+    assert '"tip.aside" = "free"' in draft.text
     write(whole, tmp_path / "whole.nc")
     draft = draft_study([tmp_path / "run.nc", tmp_path / "whole.nc"], tmp_path / "s.toml", mass=0.1, length=0.3)
-    assert 'azimuth_deg = "?"' not in draft.text  # the recording that could be aligned shows it
+    assert draft.text.count("azimuth_deg = ") == 3  # the recording that could be aligned shows them
     assert draft.text.count("joints = ") == 2

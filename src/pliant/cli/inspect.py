@@ -28,22 +28,42 @@ def inspect(
     from pliant.preprocessing.quality import quality
     from pliant.recording.schema import history_of
 
-    ds = read_with_mapping(recording, mapping)
+    ds, proposed = described(recording, mapping)
     with busy("checking the recording"):
         assessed, history = quality(ds), history_of(ds)
     names = [str(s) for s in ds["station"].values] if "station" in ds else []
     content = {"file": str(recording), "format": ds.attrs.get("source_format"), "sizes": dict(ds.sizes),
                "station_names": names, "history": history, "quality": plain(assessed.to_dict()),
-               "next": next_step(ds, recording, mapping)}  # fmt: skip
+               "proposed": proposed, "next": next_step(ds, recording, mapping)}  # fmt: skip
     head = escaped(f"{recording} ({ds.attrs.get('source_format', 'unknown format')})", "line")
     listed = [f"stations: {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}"] if names else []
-    lines = [head, *listed, assessed.summary(), *(f"  {line}" for line in history), f"next: {content['next']}"]
+    lines = [head, *proposed, *listed, assessed.summary(), *(f"  {line}" for line in history),
+             f"next: {content['next']}"]  # fmt: skip
     answer(content, "\n".join(lines), as_json=json)
     if figure is not None:
         from pliant.cli.output import write_figure
         from pliant.plotting import recording_overview
 
         write_figure(recording_overview(ds), figure)
+
+
+def described(path: Path, mapping: list[str] | None) -> tuple[xr.Dataset, list[str]]:
+    """Return a recording, and sentences on the columns of a table that neither its header nor a mapping describes, as
+    `pliant new` proposes them.
+    """
+    from pliant.cli.reading import load_mapping
+    from pliant.recording.per_file import options_of
+    from pliant.study.first_reading import read_or_guess
+
+    with busy(f"reading {path.name}"):
+        reading = read_or_guess(path, options_of(path, load_mapping(mapping)))
+    if reading.assumed:
+        return read_with_mapping(path, mapping), []  # which names the missing units
+    if reading.guess is None:
+        return reading.recording, []
+    asked = [f"? {name}: {question}" for name, question in reading.guess.questions.items()]
+    head = "its columns are proposed from names, units and ranges: pliant new writes them into [mapping]"
+    return reading.recording, [head, *reading.guess.notes, *asked]
 
 
 def next_step(ds: xr.Dataset, path: Path, mapping: list[str] | None) -> str:

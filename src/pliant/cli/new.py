@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,12 +40,14 @@ def new(
 ) -> None:
     """Write a commented study file for recordings; values that only you know are marked "?".
 
+    The study is then tried as a run would, for one step of its fit, with assumed values for these.
+
     Example: pliant new arm.toml --from 100mbar.c3d 200mbar.c3d --mass 0.15
     """
     from pliant.cli.terminal import busy
     from pliant.errors import InputError
-    from pliant.files import write_new
-    from pliant.study.draft import draft_study
+    from pliant.files import write_new, write_text
+    from pliant.study.draft import checked, draft_study
 
     study, *more = paths
     if study.suffix != ".toml":
@@ -61,12 +64,24 @@ def new(
     with busy("reading the recordings"):
         draft = draft_study(given, study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
     write_new(study, draft.text)
+    with suppress(KeyboardInterrupt), busy("trying the study; Ctrl-C leaves it untried"):
+        draft = checked(draft, study)
+        write_text(study, draft.text)
     print_draft(study, draft, as_json=json)
 
 
 def print_draft(study: Path, draft: Draft, *, as_json: bool) -> None:
-    """Print the name of the study file written, its warnings and open questions, and the next command."""
-    first = 'replace each "?" in it, then run: ' if draft.questions else ""
+    """Print the name of the study file written, its warnings and open questions, what its trial showed, and the next
+    command.
+    """
+    from pliant.study.draft import sentence
+
+    check = draft.check
+    failed = check is not None and bool(check.problem)
+    first = 'replace each "?" in it, then run: ' if draft.questions else \
+        "change what its first lines name, then run: " if failed else ""
     lines = [f"wrote {study}", *(f"! {doubt}" for doubt in draft.doubts), *(f"? {q}" for q in draft.questions),
-             f"next: {first}pliant run {study} -o results/{study.stem}"]  # fmt: skip
-    answer({"study": str(study), "open": draft.questions, "doubts": draft.doubts}, "\n".join(lines), as_json=as_json)
+             *([sentence(check)] if check else []), f"next: {first}pliant run {study} -o results/{study.stem}"]
+    content = {"study": str(study), "open": draft.questions, "doubts": draft.doubts,
+               "problem": check.problem if check else None, "forecast_s": check.seconds if check else None}
+    answer(content, "\n".join(lines), as_json=as_json)

@@ -138,19 +138,10 @@ def fit(
     how = with_defaults(fit, options, FIT_OPTIONS)
     loss, weighting = how["loss"], how["weighting"]
     check_choices(loss, weighting)
-    if len({e.without_positions for e in experiments}) > 1:
-        raise InputError("a fit compares either positions or angles, but some of its experiments have positions and "
-                         "others angles alone: fit them separately")  # fmt: skip
-    given = model
-    searching = how["time_step"] or LONGEST
-    model, filled = searched(experiments, given, parameters, searching, weighting)
-    if not any(p.free for p in filled):
-        raise FitError("nothing to fit: every parameter is fixed; free at least one")
-    time_step = how["time_step"] or fit_step(model, values_of(filled))
-    check_step(model, time_step, "midpoint")
-    problem = Problem(list(experiments), model, filled, time_step, weighting, how["prior"])
+    problem = first_problem(experiments, model, parameters, how["time_step"], weighting, how["prior"])
     problem.least_error = how["least_error"]
-    second = independent_start(problem, given, parameters, searching, weighting) if how["starts"] > 1 else None
+    longest = how["time_step"] or LONGEST
+    second = independent_start(problem, model, parameters, longest, weighting) if how["starts"] > 1 else None
     warm = {name: warm_start(problem, smaller) for name, smaller in nested.items()}
     further = [x if x is second else inside(problem, x) for x in (second, *warm.values()) if x is not None]
     simulable = starts_of(problem, how["starts"], np.random.default_rng(how["rng"]), further)
@@ -166,6 +157,28 @@ def fit(
     best, excess = below_nested(problem, best, warm, loss, max_evaluations)
     best.doubt = lone_optimum(problem, best.x, agreeing, len(simulable))
     return finished(problem, best, loss, section_area, clock.perf_counter() - began, excess_phrase(excess))
+
+
+def first_problem(
+    experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str], time_step: float | None,
+    weighting: str, prior: JointPrior | None = None,
+) -> Problem:
+    """Return the least-squares problem of a fit with the estimated start values of its parameters.
+
+    Raises
+    ------
+    FitError, InputError
+        When nothing is free, a start value cannot be estimated, or the experiments cannot be fitted together.
+    """
+    if len({e.without_positions for e in experiments}) > 1:
+        raise InputError("a fit compares either positions or angles, but some of its experiments have positions and "
+                         "others angles alone: fit them separately")  # fmt: skip
+    model, filled = searched(experiments, model, parameters, time_step or LONGEST, weighting)
+    if not any(p.free for p in filled):
+        raise FitError("nothing to fit: every parameter is fixed; free at least one")
+    step = time_step or fit_step(model, values_of(filled))
+    check_step(model, step, "midpoint")
+    return Problem(list(experiments), model, filled, step, weighting, prior)
 
 
 def below_nested(

@@ -143,7 +143,8 @@ def align(
     about = {"motion": mean_place(position), "body": zero}  # the mean: a rest pose outside the plane must not tilt it
     method = plane if isinstance(plane, str) else "stated"
     given = input_normal(recording, y, position, pose) if method == "input" else named_axis(plane, base_rotation)
-    normal, flatness = bending_normal(plane if given is None else given, y, position, about, still_noise(position))
+    noise = 0.0 if rest is not None and window.all() else still_noise(position)  # of poses, differences are no noise
+    normal, flatness = bending_normal(plane if given is None else given, y, position, about, noise)
     sign = 1 if method == "input" else bending_sign(recording, position, pose, zero, np.cross(y, normal))
     kept = bend is None or (space and method not in ("motion", "body", "input"))
     if not kept and sign not in (0, _wanted_sign(str(bend))):

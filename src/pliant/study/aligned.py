@@ -5,8 +5,9 @@ report.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -15,7 +16,7 @@ from pliant.errors import InputError, inside
 from pliant.preprocessing.align import alignment_of
 from pliant.preprocessing.side import x_sign
 from pliant.preprocessing.sync import shift_pressure, sync
-from pliant.recording import append_history
+from pliant.recording import append_history, read
 from pliant.recording.inputs import inputs_on_one_clock
 from pliant.simulation.forces import PointForce
 from pliant.study.schema import Recording
@@ -87,6 +88,20 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
     lines = str(log.attrs.get("history", "")).splitlines()
     added = f"{' and '.join(inputs)} from {file} sha256 {digest}"
     return append_history(joined, *(f"{file}: {line}" for line in lines), added)
+
+
+def with_log(
+    recording: xr.Dataset, log: Path, name: str, mapping: Mapping[str, Any] | None = None
+) -> tuple[xr.Dataset, str]:
+    """Return the recording with the pressures of a separate log on the clock of the shape, and "". If the offset
+    between the two clocks cannot be estimated, return the pressures on the log's own clock, and the reason.
+    """
+    joined = with_pressure(recording, read(log, mapping=mapping), name, log.name)
+    try:
+        offset = sync(joined, drift=True)
+    except InputError as error:
+        return joined, f"the clock of {log.name} cannot be moved to that of the shape: {error}"
+    return shift_pressure(joined, offset.delay_s, offset.drift), ""
 
 
 def on_one_clock(

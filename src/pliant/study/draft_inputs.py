@@ -4,7 +4,6 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -13,6 +12,9 @@ import xarray as xr
 from pliant.preprocessing.detectors import without_spikes
 from pliant.recording.inputs import RecordedInput, inputs_at
 from pliant.study.first_reading import several
+from pliant.study.inspected import Inspected
+from pliant.study.kinds import levels_by_name
+from pliant.study.shorthand import OPEN
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial, body_length
 
@@ -22,32 +24,66 @@ MUCH_BETTER = 0.5  # a bend of a part is used if its squared error is below this
 EITHER_WAY = 0.1  # an input that falls below minus this fraction of its maximum has both signs
 
 
-def first_aligned(trials: Sequence[Trial]) -> Trial:
-    """Return the first recording that could be aligned in the base frame, or the first of all if none could."""
-    return next((trial for trial in trials if trial.aligned is not None), trials[0])
+def inputs(out: Lines, inspected: Inspected) -> None:
+    """Write the chambers and tendons of the body."""
+    if not all(kind.measured for kind in inspected.kinds.values()) and inspected.poses:
+        inputs_of_poses(out, inspected)
+    elif inspected.space:
+        chambers(out, inspected)
+        tendons(out, inspected.first_aligned)
+    else:
+        chambers_in_plane(out, inspected)
 
 
-def driven(trials: Sequence[Trial]) -> list[str]:
-    """Return the names of the chambers in the recordings, without duplicates. A recording with a single pressure adds
-    none.
+def input_names(inspected: Inspected) -> list[str]:
+    """Return the names of the model's inputs; [] for a single pressure, which has no name."""
+    if inspected.poses and not inspected.first.tendon_inputs and not inspected.channels:
+        return list(levels_by_name(inspected.trials)[inspected.first.name])
+    return [*inspected.channels, *(one.name for one in inspected.first.tendon_inputs)]
+
+
+def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
+    """Write the inputs of settled poses that the names of the files state, as chambers if they are pressures."""
+    levels = levels_by_name(inspected.trials).values()
+    pressures = all(value != OPEN for one in levels for value in one.values())
+    for name in input_names(inspected):
+        if pressures:
+            out.item("actuator.chambers", name)
+            out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
+            continue
+        out.item("actuator.tendons", name)
+        azimuth_of(out, azimuth_of_poses(inspected, name))
+        out.ask("driven_by", "tension, displacement or angle of its motor; a pressure chamber is [[actuator.chambers]]")
+        out.ask("lever", "m, distance of the tendons from the axis")
+
+
+def azimuth_of_poses(inspected: Inspected, name: str) -> int | None:
+    """Return the azimuth [degrees] of a tendon from the pose in which it moves the last station farthest from the axis
+    of the base; None if no pose could be aligned.
     """
-    return list(dict.fromkeys(name for trial in trials for name in trial.chambers))
+    levels = levels_by_name(inspected.trials)
+    tips = [np.nanmedian(trial.last_motion[:, :2], axis=0) for trial in inspected.trials
+            if trial.aligned is not None and levels[trial.name][name] != 0.0]  # fmt: skip
+    if not tips:
+        return None
+    farthest = max(tips, key=lambda tip: float(np.linalg.norm(tip)))
+    return round(float(np.degrees(np.arctan2(farthest[1], farthest[0])) % 360.0))
 
 
-def chambers_in_plane(out: Lines, trials: Sequence[Trial]) -> None:
+def chambers_in_plane(out: Lines, inspected: Inspected) -> None:
     """Write the chambers of a body in a plane, each with the joints that it bends and the side to which it bends them.
 
     Each chamber is judged by the recording in which its pressure varies most, compared with the other pressures.
     """
-    for name in driven(trials):
-        trial = max((one for one in trials if name in one.chambers),
-                    key=lambda one: one.pressure_ranges[name] / sum(one.pressure_ranges.values()))  # fmt: skip
+    for name, channel in inspected.channels.items():
+        trial = max((one for one in inspected.trials if channel in one.chambers),
+                    key=lambda one: one.pressure_ranges[channel] / sum(one.pressure_ranges.values()))  # fmt: skip
         out.item("actuator.chambers", name)
         if trial.aligned is None or trial.angles_only:
             out.say("joints = [1, 2]  (the joints that it bends; default: all)",
                     "joint_gain = -1.0  (for a chamber on the other side)")
             continue
-        side, begin, end = chamber_span(trial.aligned, name)
+        side, begin, end = chamber_span(trial.aligned, channel)
         evidence, part = f"as the stations of {trial.path.name} move", f"from {1e3 * begin:.0f} to {1e3 * end:.0f} mm"
         passed = [k for k in joints_up_to(end, body_length(trial)) if k not in joints_up_to(begin, body_length(trial))]
         if trial.dense:
@@ -58,15 +94,15 @@ def chambers_in_plane(out: Lines, trials: Sequence[Trial]) -> None:
             out.put("joint_gain", -1.0, f"it bends the body to the other side, {evidence}")
 
 
-def chambers(out: Lines, trial: Trial) -> None:
+def chambers(out: Lines, inspected: Inspected) -> None:
     """Write the chambers of a body in space, each with the azimuth that the recording shows."""
-    if not trial.chambers:
-        return
+    trial = inspected.first_aligned
     degrees = [] if trial.aligned is None else azimuths(trial.aligned)
-    for k, name in enumerate(trial.chambers):  # pressures come before other inputs
+    for name, channel in inspected.channels.items():
         out.item("actuator.chambers", name)
         out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
-        azimuth_of(out, round(degrees[k]) if degrees else None, "as the last station moves")
+        shown = degrees and channel in several(trial.recording)
+        azimuth_of(out, round(degrees[several(trial.recording).index(channel)]) if shown else None)
 
 
 def tendons(out: Lines, trial: Trial) -> None:
@@ -76,8 +112,8 @@ def tendons(out: Lines, trial: Trial) -> None:
     ends = [] if trial.aligned is None else tendon_ends(trial.aligned)[-len(trial.tendon_inputs) :]
     for k, one in enumerate(trial.tendon_inputs):
         out.item("actuator.tendons", one.name)
-        out.put("driven_by", one.kind, "as the mapping states")
-        azimuth_of(out, round(ends[k][0]) if ends else None, "as the stations move")
+        out.put("driven_by", one.kind, "as its column says" if trial.guess else "as the mapping states")
+        azimuth_of(out, round(ends[k][0]) if ends else None)
         if ends and len(passed := joints_up_to(ends[k][1], body_length(trial))) < LINKS:
             out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
         out.ask("lever", "m, distance of the tendons from the axis")
@@ -89,10 +125,10 @@ def tendons(out: Lines, trial: Trial) -> None:
                     "body's stiffness)")
 
 
-def azimuth_of(out: Lines, azimuth: int | None, source: str) -> None:
-    """Write the entry with the azimuth [degrees] of a chamber or tendon, or an open question if the azimuth is None."""
-    out.ask("azimuth_deg", "degrees around the axis; `pliant new` estimates it from a recording that begins at rest",
-            azimuth, f"from x towards y of the base frame, {source}")
+def azimuth_of(out: Lines, azimuth: int | None) -> None:
+    """Write the azimuth [degrees] of a chamber or tendon, if it is known. Otherwise the run estimates the direction."""
+    if azimuth is not None:
+        out.put("azimuth_deg", azimuth, "around the axis, from x towards y of the base frame, as the stations move")
 
 
 def pair_entry(out: Lines, one: RecordedInput) -> None:
@@ -111,22 +147,15 @@ def joints_up_to(end: float, length: float | None) -> list[int]:
     return [k + 1 for k in range(LINKS) if (k + 0.5) * (length or end) / LINKS < 1.05 * end]
 
 
-def chamber_parameters(names: Sequence[str], *, space: bool) -> list[tuple[str, str]]:
-    """Return (name, comment) of the torque parameters of each input: in space two gains, about x and y; in a plane
-    torque_1, the torque per pressure.
-    """
-    if not space:
-        return [(f"{name}.torque_1", "N m/Pa") for name in names]
-    return [(f"{name}.gain_{axis}", f"of the torque of {name} about {axis}") for name in names for axis in "xy"]
-
-
-def channels(out: Lines, trial: Trial, names: Sequence[str]) -> None:
+def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
     """Write the entries that say which recorded channel drives which input of the model. Further entries say whether
     the inputs of tendons were measured, and how the model follows inputs that the log held constant between updates.
     """
     recorded = several(trial.recording)
-    if driving := [*(name for name in names if name in recorded), *(one.name for one in trial.tendon_inputs)]:
-        out.put("drive", {name: name for name in driving}, "input of the model = channel of the recording")
+    driving = {name: channel for name, channel in inspected.channels.items() if channel in recorded}
+    driving |= {one.name: one.name for one in trial.tendon_inputs}
+    if driving:
+        out.put("drive", driving, "input of the model = channel of the recording")
     if trial.tendon_inputs:
         out.put("signal", "measured", 'or "commanded" for a set point, which the motor follows with a lag')
     if trial.quality.input_held:

@@ -17,24 +17,43 @@ from pliant.recording.per_file import options_of, refuse_idle
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
 from pliant.recording.trials import trials_of
 from pliant.sensing import read_shape
+from pliant.study.column_guess import TableGuess, guessed_table
 
 TRACKERS = ("deeplabcut", "sleap")
 MADE_UP = {"rate_hz": 30.0, "pixels_per_mm": 1.0}
 UNITS = {"angle_unit": "deg", "pressure_unit": "kPa"}
 
 
-def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> tuple[xr.Dataset, dict[str, Any]]:
-    """Return a recording, and the mapping entries assumed to read it: a camera, or units of angle and pressure."""
+class FirstReading(NamedTuple):
+    """A recording, and what was assumed to read it."""
+
+    recording: xr.Dataset
+    assumed: dict[str, Any]  # entries of the mapping: a camera, or units of angle and pressure
+    guess: TableGuess | None = None  # the whole mapping of a table that nobody described
+
+
+def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
+    """Read a recording as its format and mapping state. If that fails, or misses the inputs or trials of a table, read
+    it with assumed entries.
+    """
     stated = mapping or {}
     try:
-        return read_shape(path, mapping), {}
+        recording = read_shape(path, mapping)
     except InputError:
-        for guess in guesses(path, stated):
+        for entries in guesses(path, stated):
             try:
-                return read_shape(path, {**stated, **guess}), guess
+                return FirstReading(read_shape(path, {**stated, **entries}), entries)
             except InputError:
                 continue
-        raise
+        if (guess := guessed_table(path, stated)) is None:
+            raise
+        return FirstReading(read_shape(path, guess.neutral), {}, guess)
+    if {"pressure", "actuation", "angle"} & set(recording) or "position" not in recording:
+        return FirstReading(recording, {})
+    guess = guessed_table(path, stated)
+    if guess is None or not (guess.has_inputs or guess.trials) or "select" in stated:
+        return FirstReading(recording, {})
+    return FirstReading(read_shape(path, guess.neutral), {}, guess)
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -13,9 +13,6 @@ import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
-from pliant.identification import experiment
-from pliant.identification.edges import edges
-from pliant.identification.experiment import Excitation
 from pliant.numerics.ringdown import peak
 from pliant.preprocessing.align import DENSE_STATIONS, align
 from pliant.preprocessing.alignment import alignment_of
@@ -25,12 +22,13 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.glitches import leave_out_glitches
 from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
-from pliant.preprocessing.sync import shift_pressure, sync
-from pliant.recording import read
 from pliant.recording.inputs import RecordedInput, recorded_inputs
-from pliant.study.aligned import with_pressure
+from pliant.sensing import read_shape
+from pliant.study.aligned import with_log
+from pliant.study.column_guess import TableGuess
 from pliant.study.doubts import unit_warning_first
-from pliant.study.first_reading import read_or_guess, several
+from pliant.study.first_reading import FirstReading, WithLog, read_or_guess, several
+from pliant.study.later_rest import later_rest
 from pliant.units import PASCAL, pascal_per
 
 LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
@@ -40,7 +38,7 @@ RIGID_SHARE, RIGID_M = 0.02, 1e-3  # permitted change of distances within a rigi
 LINE = 0.15  # markers narrower than this fraction of their length lie along a body, not on a plate
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
 DRIVEN = 0.05  # of the widest pressure range: a pressure with a smaller range drives nothing
-ONE_STATION = "one tracked station does not show where the base is: state origin and tangent"
+NO_BASE = "no station shows where the base is: state origin and tangent"
 RETURNED = 0.3  # of the peak displacement: a body that ends below this has returned
 
 
@@ -72,6 +70,10 @@ class Trial:
         Mapping of this file.
     part : str
         Name of the trial, if the file holds several.
+    guess : TableGuess or None
+        Proposed mapping, if the file is a table that nobody described.
+    number : int or None
+        Number of the trial, if the file holds several.
     """
 
     path: Path
@@ -86,12 +88,34 @@ class Trial:
     log: Path | None = None
     log_mapping: dict[str, Any] | None = None
     part: str = ""
+    guess: TableGuess | None = None
+    number: int | None = None
+
+    @property
+    def file_name(self) -> str:
+        """Return the name of the file's table in the study, made from the file name and the name of the trial."""
+        named = f"{self.path.stem}_{self.part}" if self.part else self.path.stem
+        return re.sub(r"[^A-Za-z0-9_-]+", "_", named) or "recording"
 
     @property
     def name(self) -> str:
-        """Return the name of the recording in the study, made from the file name and the name of the trial."""
-        named = f"{self.path.stem}_{self.part}" if self.part else self.path.stem
-        return re.sub(r"[^A-Za-z0-9_-]+", "_", named) or "recording"
+        """Return the name of the recording in the study; of a trial in a file of several, with its number."""
+        return self.file_name if self.number is None else f"{self.file_name}_{self.number}"
+
+    @property
+    def files(self) -> WithLog:
+        """Return the files of the recording, and their mappings."""
+        return WithLog(self.path, self.mapping, self.log, self.log_mapping, self.part)
+
+    @property
+    def asks_rate(self) -> bool:
+        """Return whether the frame rate is an open question."""
+        return self.guess is not None and "rate_hz" in self.guess.questions
+
+    @property
+    def asks_inputs(self) -> bool:
+        """Return whether the file has columns that may be inputs, but do not show which."""
+        return self.guess is not None and "pressure" in self.guess.mapping and "pressure" not in self.guess.neutral
 
     @property
     def grouped(self) -> xr.Dataset:
@@ -134,7 +158,14 @@ class Trial:
         """Return whether the file shows a body that moves in space."""
         frame = self.recording.attrs["frame"]
         moves_in_space = self.out_of_plane > OUT_OF_PLANE or bool(self.tendon_inputs)
+        if frame == "tracker" and not moves_in_space and not self.angles_only and self.tracks_one_body:
+            moves_in_space = off_curve(self.last_motion) > OUT_OF_PLANE
         return frame == "spatial" or (frame == "tracker" and moves_in_space)
+
+    @property
+    def tracks_one_body(self) -> bool:
+        """Return whether a single point or rigid body was tracked."""
+        return (len(self.stations) or int(self.recording.sizes["station"])) == 1
 
     @property
     def chambers(self) -> list[str]:
@@ -182,6 +213,22 @@ class Trial:
         return float(named[1]) * pascal_per(named[2]) if named else None
 
 
+def inspect_file(files: WithLog) -> list[Trial]:
+    """Inspect a recording; return one `Trial`, or one for each trial that a column of a table numbers."""
+    whole = inspect_trial(*files)
+    if whole.guess is None or whole.guess.trials is None:
+        return [whole]
+    return [inspect_guessed(whole, whole.guess, number) for number in whole.guess.trials[1]]
+
+
+def inspect_guessed(trial: Trial, guess: TableGuess, number: int | None = None) -> Trial:
+    """Return the inspection of a trial's file by a proposed mapping; of one of several trials, with its number."""
+    column = guess.trials[0] if guess.trials else ""
+    select = {} if number is None else {"select": {"column": column, "value": number}}
+    recording = read_shape(trial.path, {**guess.neutral, **select})
+    return inspect_reading(trial.files, FirstReading(recording, {}, guess), number)
+
+
 def inspect_trial(
     path: Path, mapping: Mapping[str, Any] | None = None, log: Path | None = None,
     log_mapping: dict[str, Any] | None = None, part: str = "",
@@ -206,59 +253,55 @@ def inspect_trial(
         When the file cannot be read, or holds neither positions nor angles.
     """
     kept = dict(mapping) if mapping else None
-    recording, assumed = read_or_guess(path, kept)
+    return inspect_reading(WithLog(path, kept, log, log_mapping, part), read_or_guess(path, kept))
+
+
+def inspect_reading(files: WithLog, reading: FirstReading, number: int | None = None) -> Trial:
+    """Inspect what was read from a file; see `inspect_trial`."""
+    recording, assumed, guess = reading
     if not {"position", "angle"} & set(recording):
         held = (
             "the strain of a fibre: describe its cores in a mapping file (table [cores]) and give that by --mapping"
             if "strain" in recording
             else "pressure alone, and a study needs the shape too: add the recording to which it belongs"
         )
-        raise InputError(f"{path.name} holds {held}")
+        raise InputError(f"{files.shape.name} holds {held}")
     unsynchronised = ""
-    if log is not None:
-        recording, unsynchronised = with_log(recording, log, path.stem, log_mapping)
+    if files.log is not None:
+        recording, unsynchronised = with_log(recording, files.log, files.shape.stem, files.log_options)
     assessed = quality(recording)
     if unsynchronised:
         assessed = replace(assessed, doubts={**assessed.doubts, "clock of the log": unsynchronised})
     recording = leave_out_glitches(leave_out_frozen(recording))
-    trial = Trial(path, recording, assessed, kept, assumed=assumed, log=log, log_mapping=log_mapping,
-                  part=part)  # fmt: skip
+    trial = Trial(files.shape, recording, assessed, files.options, assumed=assumed, log=files.log, number=number,
+                  log_mapping=files.log_options, part=files.trial, guess=guess)  # fmt: skip
     if trial.angles_only:
         return replace(trial, aligned=from_rest(recording))
     if recording.attrs["frame"] != "tracker":
         return replace(trial, aligned=recording)
-    trial = replace(trial, stations=rigid_clusters(recording))
+    trial = replace(trial, stations={} if guess is not None and guess.numbered else rigid_clusters(recording))
     trial = replace(trial, options=directions(recording, assessed, trial.stations, dense=trial.dense))
     return trial if trial.capped else with_alignment(trial)
 
 
-def with_log(
-    recording: xr.Dataset, log: Path, name: str, mapping: Mapping[str, Any] | None = None
-) -> tuple[xr.Dataset, str]:
-    """Return the recording with the pressures of a separate log on the clock of the shape, and "". If the offset
-    between the two clocks cannot be estimated, return the pressures on the log's own clock, and the reason.
+def with_alignment(trial: Trial, *, space: bool = False, rest: tuple[float, float] | None = None) -> Trial:
+    """Return the trial with its recording aligned in the plane or in space, or with the reason why it cannot be. With
+    `rest` (start, end) [s] the body is at rest then.
     """
-    joined = with_pressure(recording, read(log, mapping=mapping), name, log.name)
-    try:
-        offset = sync(joined, drift=True)
-    except InputError as error:
-        return joined, f"the clock of {log.name} cannot be moved to that of the shape: {error}"
-    return shift_pressure(joined, offset.delay_s, offset.drift), ""
-
-
-def with_alignment(trial: Trial, *, space: bool = False) -> Trial:
-    """Return the trial with its recording aligned in the plane or in space, or with the reason why it cannot be."""
     if not trial.options:
-        return replace(trial, aligned=None, problem=ONE_STATION)
+        return replace(trial, aligned=None, problem=NO_BASE)
     try:
         with unit_warning_first(trial.quality.doubts):
-            return replace(trial, aligned=align(trial.grouped, **trial.options, space=space), problem="")
+            aligned = align(trial.grouped, **{"rest": rest, **trial.options}, space=space)
+            return replace(trial, aligned=aligned, problem="")
     except InputError as error:
+        if rest is None and "rest" not in trial.options and (later := later_rest(trial.grouped)):
+            return with_alignment(replace(trial, options={**trial.options, "rest": later}), space=space)
         return replace(trial, aligned=None, problem=str(error))
 
 
-def in_space(trial: Trial) -> Trial:
-    """Return the trial with its recording aligned in space.
+def in_space(trial: Trial, *, settled: bool = False) -> Trial:
+    """Return the trial with its recording aligned in space; a settled one is at rest from begin to end.
 
     Raises
     ------
@@ -269,7 +312,10 @@ def in_space(trial: Trial) -> Trial:
         content = "angles alone" if trial.angles_only else "a planar recording"
         raise InputError(f"{trial.path.name} holds {content}: a study in space needs the three-dimensional positions "
                          "of the tracker")
-    return trial if trial.recording.attrs["frame"] == "spatial" or trial.capped else with_alignment(trial, space=True)
+    if trial.recording.attrs["frame"] == "spatial" or trial.capped:
+        return trial
+    time = trial.recording["time"].values
+    return with_alignment(trial, space=True, rest=(float(time[0]), float(time[-1])) if settled else None)
 
 
 def from_one_side(trials: Sequence[Trial]) -> list[Trial]:
@@ -287,6 +333,21 @@ def from_one_side(trials: Sequence[Trial]) -> list[Trial]:
                 one = replace(trial, aligned=align(trial.grouped, **trial.options, plane=normal, bend=None))
         done.append(one)
     return done
+
+
+def off_curve(motion: np.ndarray) -> float:
+    """Return the fraction of the motion (T, 3) of one point that is off a curve (root mean square). A body that bends
+    in a plane moves its tip along a curve; the plane itself, which contains the base, one point does not show.
+
+    The curve is a cubic polynomial in the coordinate along which the point moves most.
+    """
+    known = motion[np.isfinite(motion).all(axis=1)]
+    away = known - known.mean(axis=0)
+    if len(away) < 10 or not away.any():
+        return 0.0
+    along, across, _ = (away @ np.linalg.svd(away, full_matrices=False)[2].T).T
+    left = across - np.polynomial.Polynomial.fit(along, across, 3)(along)
+    return float(np.sqrt(np.mean(left**2) / np.mean((away**2).sum(axis=1))))
 
 
 def clusters(names: Sequence[str]) -> dict[str, list[str]]:
@@ -350,14 +411,15 @@ def directions(
     recording: xr.Dataset, found: Quality, stations: Mapping[str, list[str]], *, dense: bool
 ) -> dict[str, Any]:
     """Return arguments for `align` that suit a recording, such as the name of its base: the station named base, else
-    one that does not move, else the first. Empty for a single station, which does not determine the base.
+    one that does not move, of a dense shape the first. Empty if no station shows the base.
     """
     names = list(stations) or [str(s) for s in recording["station"].values]
-    if len(names) == 1:
-        return {}
     named = [n for n in names if "base" in n.lower()]
     standing = [n for n in found.standing if n in names] if len(found.standing) < len(names) else []
-    base = (named or ([] if dense else standing) or names)[0]
+    candidates = named or (names if dense else standing)
+    if len(names) == 1 or not candidates:
+        return {}
+    base = candidates[0]
     options: dict[str, Any] = {"base": base, "tangent": "clamp" if dense else "chord"}
     if found.orientation_jumps:
         options["undo_jumps"] = True
@@ -373,47 +435,5 @@ def body_length(trial: Trial) -> float | None:
     if "arc_length" in trial.aligned.coords:
         return float(trial.aligned["arc_length"].values[-1])
     first = trial.last_motion[:10]
-    return float(np.linalg.norm(np.nanmedian(first, axis=0)))
-
-
-def excitation(trial: Trial) -> Excitation:
-    """Return the excitation that the file shows: "trace" (measured input), "pulse", "step" or "release"."""
-    if {"pressure", "actuation"} & set(trial.recording):
-        return "trace"
-    if trial.aligned is None:
-        return "pulse"
-    p = trial.last_motion
-    u = np.linalg.norm(p - np.nanmedian(p[:5], axis=0), axis=-1)
-    end = np.nanmedian(u[-max(5, len(u) // 20):])
-    if end < RETURNED * np.nanmax(u):
-        return "pulse"
-    return "release" if trial.highest_pa is None else "step"
-
-
-def held_out(trials: Sequence[Trial]) -> str | None:
-    """Return the name of the recording to hold out for validation; None if there is only one recording.
-
-    It is the recording with the middle pressure (of two, the lower), so that the test does not extrapolate. If some
-    pressure is unknown, the peak displacement decides instead. If only some recordings drive several chambers together,
-    one of these is held out, so that the fit has the effect of each chamber alone.
-    """
-    if len(trials) < 2:
-        return None
-    together = [trial for trial in trials if len(trial.chambers) > 1]
-    trials = together if len(together) < len(trials) and together else trials
-    known = all(trial.highest_pa is not None for trial in trials)
-    listed = sorted(trials, key=lambda trial: abs(trial.highest_pa or 0.0) if known else trial.peak_motion)
-    return listed[(len(trials) - 1) // 2].name
-
-
-def moved(trial: Trial) -> str:
-    """Return a comment with the times at which the motion begins and ends, or "" if they are unknown."""
-    if trial.aligned is None or not trial.has_scale or excitation(trial) == "trace":
-        return ""
-    stations = tuple(str(n) for n in trial.aligned["station"].values if trial.angles_only or n != trial.base)
-    recording = trial.aligned.assign_attrs(nominal_pressure=1.0)  # any level, since only the times are used
-    try:
-        edge_times = edges(experiment(trial.name, recording, stations=stations, excitation=excitation(trial)))
-    except InputError:
-        return ""
-    return ", ".join(f"{what} near {time:.2f} s" for what, time in edge_times.items())
+    length = float(np.linalg.norm(np.median(first[np.isfinite(first).all(axis=1)], axis=0)))
+    return length if np.isfinite(length) else None

@@ -1,0 +1,364 @@
+"""Proposal of a mapping for a table whose columns nobody described, from their names, units, ranges and integer steps.
+
+What only the laboratory knows, such as the unit of a pressure or the frame rate of a table without times, is an open
+question "?" in the proposal. Entries of the user's own mapping take precedence.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.recording.column_names import is_time, parted
+from pliant.recording.registry import describes_columns
+from pliant.recording.tables import holds_number, parse_numbers, read_text, split_cells, without_text
+from pliant.study.shorthand import OPEN
+from pliant.units import METRE, NEWTON, PASCAL, RADIAN
+
+Array = np.ndarray
+TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
+WORD = re.compile(r"[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
+NUMBERED = re.compile(r"p\d+|base|tip")
+COMMANDED = {"desired", "des", "command", "commanded", "cmd", "set", "setpoint", "target", "ref", "reference", "goal"}
+NO_PLACE = {"acc", "accel", "gyro", "mag", "vel", "velocity", "force", "moment", "torque", "rot", "euler", "imu"}
+TRIAL = {"id", "trial", "run", "rep", "repetition", "experiment", "session", "sample"}
+UNITS = {"pressure": PASCAL, "displacement": METRE, "angle": RADIAN, "tension": NEWTON}  # the most frequent first
+WORDS = {
+    "pressure": {"pressure", "press", "chamber", "pouch", "valve", "air"},
+    "tension": {"tension", "force", "load"},
+    "steps": {"step", "steps", "stepper", "count", "counts", "tick", "ticks"},
+    "displacement": {"tendon", "cable", "wire", "stroke", "displacement", "pull", "elongation"},
+    "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo"},
+}  # fmt: skip
+MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
+RIGID = 0.3  # fraction by which the distance of neighbours on one body may change
+LONGEST = 60  # trials of one table that a draft lists
+
+
+@dataclass(frozen=True)
+class TableGuess:
+    """A proposed mapping of a table.
+
+    Attributes
+    ----------
+    mapping : dict
+        Entries for the study, with "?" for open questions.
+    neutral : dict
+        The same entries with an assumed value for each open question, by which the file can be read.
+    questions : dict
+        Question by the name of the entry.
+    notes : tuple of str
+        Sentences on the proposal.
+    trials : (column, values) or None
+        Column that numbers the trials of the table, and its values.
+    """
+
+    mapping: dict[str, Any]
+    neutral: dict[str, Any]
+    questions: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    trials: tuple[str, list[int]] | None = None
+
+    @property
+    def has_inputs(self) -> bool:
+        """Return whether the table holds actuation inputs."""
+        return bool({"pressure", "inputs"} & set(self.mapping))
+
+    @property
+    def numbered(self) -> bool:
+        """Return whether the stations have numbers for names, which say nothing about the parts on which they sit."""
+        return all(NUMBERED.fullmatch(name) for name in self.mapping["stations"])
+
+
+@dataclass(frozen=True)
+class PlainTable:
+    """Numbers (T, C) of a text table, the names of its columns ([] without a header) and its delimiter."""
+
+    names: list[str]
+    values: Array
+    delimiter: str
+
+    def changes(self, k: int) -> bool:
+        """Return whether column k changes."""
+        known = self.values[np.isfinite(self.values[:, k]), k]
+        return bool(known.size and np.ptp(known) > 0)
+
+    def whole(self, k: int) -> bool:
+        """Return whether column k holds whole numbers alone."""
+        known = self.values[np.isfinite(self.values[:, k]), k]
+        return bool(known.size and (known == np.rint(known)).all())
+
+
+def guessed_table(path: Path, stated: Mapping[str, Any] | None = None) -> TableGuess | None:
+    """Return a mapping for a text table that holds positions; None for another file, or if its columns do not show
+    what they hold.
+
+    Parameters
+    ----------
+    path : Path
+    stated : mapping, optional
+        Entries that the user states. If they describe the columns, there is nothing to propose.
+    """
+    stated = stated or {}
+    if path.suffix.lower() not in TABLES or not path.is_file() or "format" in stated or describes_columns(stated):
+        return None
+    try:
+        table = plain_table(path)
+        guess = None if table is None else (named if table.names else unnamed)(table)
+    except InputError:
+        return None
+    if guess is None:
+        return None
+    return TableGuess({**guess.mapping, **stated}, {**guess.neutral, **stated},
+                      {k: q for k, q in guess.questions.items() if k not in stated}, guess.notes, guess.trials)
+
+
+def plain_table(path: Path) -> PlainTable | None:
+    """Return the numbers of a text table whose first row may name its columns; None if it has fewer than 3 rows."""
+    lines = [line for line in read_text(path).split("\n") if line.strip() and not line.startswith("#")]
+    if len(lines) < 3:
+        return None
+    delimiter = next((d for d in (";", "\t", "|", ",") if d in lines[0]), None)
+    first = split_cells(lines[0], delimiter)
+    names = [] if all(holds_number(cell) for cell in first) else first
+    rows = lines[1:] if names else lines
+    rows = without_text(rows, delimiter, (), len(first)) if names else rows
+    values = parse_numbers(rows, name=path.name, first_line=1, delimiter=delimiter, columns=len(first))
+    return PlainTable(names, values, delimiter or "space")
+
+
+def words_of(name: str) -> list[str]:
+    """Return the words and numbers of a column name in lower case: servo_4_mm gives servo, 4, mm."""
+    return [word.lower() for word in WORD.findall(name)]
+
+
+def named(table: PlainTable) -> TableGuess | None:
+    """Return the proposal for a table with a header."""
+    stations = stations_by_name(table.names)
+    if not stations or len(set(table.names)) < len(table.names):
+        return None
+    places = {name: {part: [table.names[k] for k in columns] for part, columns in at.items()}
+              for name, at in stations.items()}  # fmt: skip
+    used = {k for at in stations.values() for columns in at.values() for k in columns}
+    clock = next((k for k, name in enumerate(table.names) if k not in used and is_time(name)), None)
+    rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
+    trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
+    rest = [k for k in rest if k != trial]
+    mapping: dict[str, Any] = {"header": True, **delimited(table), **clock_entries(table, clock)}
+    unit, note = length_unit(table, stations)
+    mapping |= {"length_unit": unit, "stations": places}
+    inputs, left, notes = input_entries(table, rest)
+    left = [k for k in left if not counts(table.values[:, k])]
+    if left:
+        listed = ", ".join(table.names[k] for k in left[:12])
+        notes.append(f"{len(left)} column(s) change and are not used: {listed}{' ...' if len(left) > 12 else ''}")
+    trials = None
+    if trial is not None and (values := blocks(table.values[:, trial])):
+        trials = (table.names[trial], values)
+    return asked({**mapping, **inputs}, table, [note, *notes], trials)
+
+
+def delimited(table: PlainTable) -> dict[str, Any]:
+    """Return the entry of the delimiter, if it is not the default."""
+    return {} if table.delimiter == "," else {"delimiter": table.delimiter}
+
+
+def clock_entries(table: PlainTable, clock: int | None) -> dict[str, Any]:
+    """Return the entries of the time column, or an open question for the frame rate."""
+    if clock is None:
+        return {"rate_hz": OPEN}
+    unit = parted(table.names[clock])[1] if table.names else "s"
+    entry = {"time": table.names[clock] if table.names else clock}
+    return {**entry, "time_unit": unit} if unit in ("ms", "us") else entry
+
+
+def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
+    """Return the stations whose x, y and z (and quaternion) columns the names show: name -> column indices."""
+    parts: dict[str, dict[str, int]] = {}
+    for k, name in enumerate(names):
+        words = [w for w in words_of(name) if w not in METRE or w in ("m", "in")]
+        axis = axis_of(words)
+        if axis and not NO_PLACE & set(words):
+            owner = "_".join(w for w in words if w not in {*axis, axis, "q", "quat", "quaternion", "position", "pos"})
+            parts.setdefault(owner, {}).setdefault(axis, k)
+    stations = {}
+    for owner, at in parts.items():
+        if all(a in at for a in "xyz"):
+            title = f"p{owner}" if owner.isdigit() else owner or "tip"
+            stations[title] = {"position": [at[a] for a in "xyz"]}
+            if all(f"q{a}" in at for a in "xyzw"):
+                stations[title]["quaternion"] = [at[f"q{a}"] for a in "xyzw"]
+    return stations
+
+
+def axis_of(words: Sequence[str]) -> str:
+    """Return x, y, z, qx, qy, qz or qw if the words of a column name state one coordinate, else ""."""
+    turning = bool({"q", "quat", "quaternion"} & set(words))
+    for word in words:
+        if word in ("qx", "qy", "qz", "qw"):
+            return word
+    letters = [w for w in words if w in ("x", "y", "z", "w")]
+    if len(letters) != 1:
+        return ""
+    return f"q{letters[0]}" if turning or letters[0] == "w" else letters[0]
+
+
+def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[int]]]) -> tuple[str, str]:
+    """Return the unit of the positions, by the names of their columns or else by their range, and a sentence on it."""
+    columns = [k for at in stations.values() for k in at["position"]]
+    if table.names:
+        units = {words_of(table.names[k])[-1] for k in columns}
+        if len(units) == 1 and (unit := units.pop()) in METRE and len(words_of(table.names[columns[0]])) > 1:
+            return unit, ""
+    low, high = np.nanpercentile(table.values[:, columns], [1, 99], axis=0)
+    widest = float(np.max(high - low))
+    unit = "mm" if widest > MILLIMETRES or np.nanmedian(np.abs(table.values[:, columns])) > 10 * MILLIMETRES else "m"
+    return unit, f"positions are taken in {unit}, by their range: correct length_unit if they are not"
+
+
+def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
+    """Return the kind and the unit ("" if unknown) of the input in column k, by unit, words and integer steps of its
+    name and values; ("", "") if nothing shows that it is an input.
+    """
+    words = words_of(table.names[k])
+    for kind, units in UNITS.items():
+        if len(words) > 1 and words[-1] in units and (words[-1] != "m" or kind == "displacement"):
+            return kind, words[-1]
+        if len(words) <= 2 and words[0] in units and kind == "pressure":
+            return kind, words[0]
+    for kind, known in WORDS.items():
+        if known & set(words) and (kind != "steps" or table.whole(k)):
+            return ("steps" if table.whole(k) and kind in ("angle", "displacement") else kind), ""
+    return "", ""
+
+
+def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, Any], list[int], list[str]]:
+    """Return the mapping entries of the inputs in the columns, the columns that are none, and sentences. Of an input
+    that was measured, the command is left out.
+    """
+    kinds: dict[tuple[str, str], list[int]] = {}
+    left = []
+    for k in columns:
+        known = kind_of(table, k)
+        kinds.setdefault(known, []).append(k) if known[0] else left.append(k)
+    notes = []
+    for key, members in kinds.items():
+        commands = [k for k in members if COMMANDED & set(words_of(table.names[k]))]
+        if commands and len(commands) < len(members):
+            kinds[key] = [k for k in members if k not in commands]
+            notes.append(f"commands beside measured inputs are not used: {', '.join(table.names[k] for k in commands)}")
+    mapping: dict[str, Any] = {}
+    for (kind, unit), members in kinds.items():
+        names = [table.names[k] for k in members]
+        if kind == "pressure":
+            mapping["pressure"] = {"columns": names, "unit": unit or OPEN}
+            continue
+        entry = {"columns": names, "kind": "displacement" if kind == "steps" else kind,
+                 "unit": "mm" if kind == "steps" else unit or {"angle": "deg", "displacement": "mm"}.get(kind, "N")}
+        mapping.setdefault("inputs", []).append(entry)
+        if kind == "steps":
+            mapping["linear"] = {name: {"scale": OPEN} for name in names}
+    return mapping, left, notes
+
+
+def unnamed(table: PlainTable) -> TableGuess | None:
+    """Return the proposal for a table of numbers alone: a clock, and positions (with quaternions) side by side."""
+    values, width = table.values, table.values.shape[1]
+    counters = [k for k in range(min(2, width)) if table.whole(k) and counts(values[:, k])]
+    clock = next((k for k in range(min(3, width)) if k not in counters and rises(values[:, k])), None)
+    rest = [k for k in range(width) if k not in counters and k != clock]
+    stations: dict[str, dict[str, list[int]]] = {}
+    turns: list[int] = []
+    for k in range(3, width - 3):
+        if not is_rotation(values[:, k : k + 4]) or (turns and k < turns[-1] + 7):
+            continue
+        turns.append(k)
+        stations[f"p{len(stations) + 1}"] = {"position": [k - 3, k - 2, k - 1], "quaternion": [k, k + 1, k + 2, k + 3]}
+    if not turns and len(rest) % 3 == 0:
+        stations = {f"p{i // 3 + 1}": {"position": rest[i : i + 3]} for i in range(0, len(rest), 3)}
+        if not on_one_body(values[:, rest].reshape(len(values), -1, 3)):
+            return None
+    if not stations:
+        return None
+    unit, note = length_unit(table, stations)
+    mapping: dict[str, Any] = {**delimited(table), **clock_entries(table, clock), "length_unit": unit,
+                               "stations": stations}  # fmt: skip
+    used = {k for at in stations.values() for columns in at.values() for k in columns}
+    left = [k for k in rest if k not in used and table.changes(k)]
+    notes = [note]
+    if left:
+        mapping["pressure"] = {"columns": OPEN, "unit": OPEN}
+        notes.append(f"the columns {', '.join(map(str, left))} (from 0) change: name the pressures among them, or "
+                     'state inputs = { columns = [...], kind = "displacement", unit = "mm" } for tendons')  # fmt: skip
+    return asked(mapping, table, notes, None)
+
+
+def counts(values: Array) -> bool:
+    """Return whether values (T,) grow by the same step in every row."""
+    step = np.diff(values)
+    return bool(step.size and step[0] > 0 and np.allclose(step, step[0], rtol=1e-6, atol=0.0))
+
+
+def rises(values: Array) -> bool:
+    """Return whether values (T,) can be times: they never fall, and rise in most rows."""
+    step = np.diff(values)
+    return bool(np.isfinite(values).all() and (step >= 0).all() and np.mean(step > 0) > 0.5)
+
+
+def is_rotation(values: Array) -> bool:
+    """Return whether four columns (T, 4) are quaternions of norm 1 in nearly all rows."""
+    norm = np.linalg.norm(values, axis=1)
+    return bool(np.mean(np.abs(norm - 1) < 1e-2) > 0.95)
+
+
+def on_one_body(position: Array) -> bool:
+    """Return whether points (T, S, 3) can lie on one body: each keeps its distance from its neighbour to 30 %."""
+    if position.shape[1] == 1:
+        return True
+    apart = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)  # (T, S, S)
+    usual = np.nanmedian(apart, axis=0) + np.diag(np.full(position.shape[1], np.inf))
+    nearest = np.argmin(usual, axis=1)
+    kept = apart[:, np.arange(len(nearest)), nearest]
+    return bool((np.nanpercentile(np.abs(kept - np.median(kept, axis=0)), 95, axis=0) <= RIGID * np.median(kept)).all())
+
+
+def blocks(values: Array) -> list[int]:
+    """Return the trial numbers in a column, if they come in blocks of at least 3 rows; [] for one trial or none."""
+    numbers, rows = np.unique(values[np.isfinite(values)], return_counts=True)
+    changes = np.count_nonzero(np.diff(values))
+    good = 1 < len(numbers) <= LONGEST and changes == len(numbers) - 1 and rows.min() >= 3
+    return [int(n) for n in numbers] if good else []
+
+
+def asked(
+    mapping: dict[str, Any], table: PlainTable, notes: Sequence[str], trials: tuple[str, list[int]] | None
+) -> TableGuess:
+    """Return the proposal, with its open questions and the values assumed for them."""
+    neutral, questions = dict(mapping), {}
+    if mapping.get("rate_hz") == OPEN:
+        neutral["rate_hz"] = 100.0
+        questions["rate_hz"] = "rows a second: the table has no column of time"
+    if (pressure := mapping.get("pressure")) and pressure["unit"] == OPEN:
+        if pressure["columns"] == OPEN:
+            del neutral["pressure"]
+            questions["pressure"] = "columns of the measured pressures, as [1, 2], and their unit"
+        else:
+            high = float(np.nanmax(table.values[:, [table.names.index(c) for c in pressure["columns"]]]))
+            neutral["pressure"] = {**pressure, "unit": likely_unit(high)}
+            questions["pressure"] = f"unit (gauge): kPa, mbar, bar, psi or Pa; the highest value is {high:.4g}"
+    if "linear" in mapping:
+        wide = {n: float(np.ptp(table.values[:, table.names.index(n)])) for n in mapping["linear"]}
+        neutral["linear"] = {name: {"scale": 10.0 / max(width, 1.0)} for name, width in wide.items()}
+        questions["linear"] = "mm of tendon for each step of the motor"
+    return TableGuess(mapping, neutral, questions, tuple(n for n in notes if n), trials)
+
+
+def likely_unit(high: float) -> str:
+    """Return the unit with which a highest pressure moves a soft body: 5 to 500 kPa."""
+    return next((u for u in ("kPa", "psi", "mbar", "bar", "Pa") if 5e3 <= high * PASCAL[u.lower()] <= 5e5), "kPa")

@@ -1,0 +1,189 @@
+"""Check of a drafted study: it is prepared and fitted for one step, as a run would do it, with assumed values in place
+of its open questions.
+"""
+
+from __future__ import annotations
+
+import json
+import time as clock
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pliant.errors import PliantError
+from pliant.identification import Experiment
+from pliant.identification.fit import check_identifiable, first_problem, parameters_from, starts_of
+from pliant.selection.first_model import beginning
+from pliant.selection.search import MINUTES
+from pliant.study.inspected import Inspected
+from pliant.study.prepare import without
+from pliant.study.run import prepare_all
+from pliant.study.schema import Study, load_study
+from pliant.study.shorthand import OPEN
+from pliant.study.trial import Trial, body_length
+
+LENGTH, DENSITY, SLENDER, LEVER = 0.2, 1100.0, 10.0, 0.01  # m; kg/m^3; length over diameter; m
+LEVEL_KPA = 30.0
+SEARCH = 800.0  # derivatives of the first model take as long as a search of terms; 600 to 1200 on bundled recordings
+POSES, SECONDS, FRAMES = 40, 15.0, 50  # settled poses of a file, and seconds of a motion, that a check uses
+QUICK_S = 5.0  # a first step that is shorter is repeated, so that the compilation of its kernels is not in the forecast
+
+
+class DraftCheck(NamedTuple):
+    """Result of a check.
+
+    Attributes
+    ----------
+    problem : str
+        Why the study cannot be run, "" if it can.
+    seconds : float or None
+        Forecast of the time of a run; None if it cannot be run.
+    assumed : tuple of str
+        Names of the entries for which a value was assumed.
+    """
+
+    problem: str
+    seconds: float | None
+    assumed: tuple[str, ...]
+
+
+def check_draft(text: str, folder: Path, inspected: Inspected) -> DraftCheck:
+    """Prepare the study with the content `text`, whose files are relative to `folder`, and take one step of its first
+    fit. Open questions are answered by assumed values.
+    """
+    content = tomllib.loads(text)
+    content, assumed = answered(content, inspected)
+    if inspected.first.asks_inputs:
+        return DraftCheck("name the columns of the inputs in [mapping]", None, assumed)
+    content["folder"] = str(folder.resolve())
+    began = clock.perf_counter()
+    try:
+        with TemporaryDirectory() as place:
+            path = Path(place) / f"{content['name']}.json"
+            path.write_text(json.dumps(content), encoding="utf-8")
+            study = load_study(path)
+        step = first_step(study, whole=not assumed)
+    except PliantError as error:
+        return DraftCheck(str(error).replace(str(path), "the study"), None, assumed)
+    fitting = min(SEARCH * step, 60 * MINUTES)
+    return DraftCheck("", clock.perf_counter() - began + fitting, assumed)
+
+
+def first_step(study: Study, *, whole: bool) -> float:
+    """Prepare a study, find the start values of the fit with which its model selection begins, and compute its first
+    derivatives. Return the time that these derivatives take [s]; of long recordings a part is used, and the time is
+    extrapolated.
+
+    Raises
+    ------
+    PliantError
+        When the study cannot be prepared, its first model cannot be simulated or, with `whole`, its recordings do not
+        determine the parameters.
+    """
+    ready = prepare_all(study, lambda _line: None)
+    entry = without(study, ready.dropped, ready.doubts).model_selection
+    if entry is None:
+        raise ValueError("the study has no model selection")
+    train, parts = zip(*(shortened(ready.experiments[name]) for name in entry.train), strict=True)
+    first = beginning(ready.model, train, parameters_from(entry.common))
+    problem = first_problem(train, ready.model, first, study.time_step, entry.weighting)
+    starts_of(problem, 1, np.random.default_rng(study.seed))
+    if whole and min(parts) == 1.0:
+        check_identifiable(problem)
+    step = 0.0
+    for shift in (1e-6, 2e-6):  # the derivatives at the start itself are known
+        began = clock.perf_counter()
+        problem.jacobian(problem.start + shift)
+        step = clock.perf_counter() - began
+        if step > QUICK_S:
+            break
+    return step / float(np.mean(parts))
+
+
+def shortened(exp: Experiment) -> tuple[Experiment, float]:
+    """Return an experiment with its first seconds alone, or of many settled poses with a few, and the fraction of its
+    frames that are left. A pulse, a step and a release are left whole.
+    """
+    count = exp.time.size
+    if exp.poses:
+        short = exp.thinned(max(1, count // POSES))
+    elif exp.excitation == "trace":
+        short = exp.of_frames(slice(0, max(FRAMES, int(np.searchsorted(exp.time - exp.time[0], SECONDS)))))
+    else:
+        return exp, 1.0
+    return short, short.time.size / count
+
+
+def answered(content: Mapping[str, Any], inspected: Inspected) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the content of a drafted study with an assumed value for each open question, and the names of the entries
+    for which a value was assumed.
+    """
+    filled: dict[str, Any] = json.loads(json.dumps(content))
+    assumed: list[str] = []
+    fill(filled, "", assumed_values(filled, inspected.first), assumed)
+    for k, (name, entry) in enumerate(filled["recordings"].items()):
+        for one in entry.get("inputs", {}):
+            if f"recordings.{name}.inputs.{one}" in assumed:
+                entry["inputs"][one] = 1.0 + k  # different values, so that the poses differ
+    return filled, tuple(dict.fromkeys(assumed))
+
+
+def assumed_values(content: Mapping[str, Any], trial: Trial) -> dict[str, Any]:
+    """Return the values to assume, by the path of the entry or by its last name."""
+    length = content["actuator"].get("length")
+    length = (body_length(trial) or spread(trial)) if length in (None, OPEN) else length
+    tangent = direction(trial)
+    values = {
+        "actuator.length": length, "actuator.mass": DENSITY * np.pi / 4 * (length / SLENDER) ** 2 * length,
+        "actuator.gravity": [0.0, 0.0, 0.0], "fibre.body_length": length,
+        "alignment.options.tangent": tangent, "alignment.options.origin": origin(trial, tangent, length),
+        "camera.rate_hz": 30.0, "camera.pixels_per_mm": 1.0, "mapping.angle_unit": "deg",
+        "mapping.pressure_unit": "kPa", "driven_by": "tension", "lever": LEVER, "pulley": 2 * LEVER,
+        "nominal_pressure": LEVEL_KPA,
+    }  # fmt: skip
+    guess = trial.guess
+    return values | ({f"mapping.{name}": guess.neutral[name] for name in guess.questions} if guess else {})
+
+
+def fill(node: dict[str, Any], where: str, values: Mapping[str, Any], assumed: list[str]) -> None:
+    """Replace the open questions in a table and the tables in it by `values`, and add their paths to `assumed`."""
+    for name, value in node.items():
+        path = f"{where}.{name}" if where else name
+        if path in values and OPEN in json.dumps(value):
+            node[name] = values[path]
+            assumed.append(path)
+        elif value == OPEN:
+            node[name] = values.get(name, 1.0)
+            assumed.append(path)
+        for table in value if isinstance(value, list) else [value]:
+            if isinstance(table, dict) and path not in assumed:
+                fill(table, path, values, assumed)
+
+
+def spread(trial: Trial) -> float:
+    """Return the length [m] of a body whose stations lie at equal distances from a base that is not tracked."""
+    if trial.angles_only or trial.recording.sizes["station"] < 2:
+        return LENGTH
+    place = np.nanmedian(trial.grouped["position"].values[:10], axis=0)
+    return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum()) * len(place) / max(len(place) - 1, 1) or LENGTH
+
+
+def direction(trial: Trial) -> list[float]:
+    """Return the axis of the tracker along which the last station moves least, downwards, as the base tangent."""
+    if trial.angles_only or trial.recording.attrs["frame"] != "tracker":
+        return [0.0, 1.0]
+    tip = trial.recording["position"].values[:, -1]
+    k = int(np.argmin(np.nanstd(tip, axis=0)))
+    return [float(-1.0 if j == k else 0.0) for j in range(3)]
+
+
+def origin(trial: Trial, tangent: list[float], length: float) -> list[float]:
+    """Return a base from which the last station, where it begins, is 90 % of the length away."""
+    if trial.angles_only or trial.recording.attrs["frame"] != "tracker":
+        return [0.0, 0.0, 0.0]
+    tip = np.nanmedian(trial.recording["position"].values[:10, -1], axis=0)
+    return [float(x) for x in tip - 0.9 * length * np.array(tangent)]

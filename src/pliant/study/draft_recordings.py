@@ -1,0 +1,90 @@
+"""Tables [recordings] of a generated study file: file, mapping, stations, and what the kind of experiment needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.preprocessing.quality import standing_stations
+from pliant.preprocessing.rest import rest_window
+from pliant.recording.typed_steps import held_sentences
+from pliant.study.draft_inputs import channels
+from pliant.study.inspected import Inspected
+from pliant.study.kinds import Kind, TrialOfDraft
+from pliant.study.toml_text import Lines, key, relative
+from pliant.study.trial import Trial
+
+REST = 0.05  # of a free decay: its end, taken as rest
+
+def recordings(out: Lines, inspected: Inspected, folder: Path, level: float | None) -> None:
+    """Write the tables of all files. Trials that a column of a file numbers have one table."""
+    written = set()
+    for trial in inspected.trials:
+        if trial.file_name not in written:
+            recording(out, trial, inspected, folder, level)
+            channels(out, trial, inspected)
+        written.add(trial.file_name)
+
+
+def recording(out: Lines, trial: Trial, inspected: Inspected, folder: Path, level: float | None) -> None:
+    """Write the [recordings] table of one file, with a summary of its content and what its kind of experiment needs."""
+    kind, candidate = inspected.kinds[trial.name], TrialOfDraft(trial, inspected.trials, level)
+    out.table(f"recordings.{key(trial.file_name)}")
+    out.say(*trial.quality.summary().splitlines(), kind.evidence(candidate))
+    out.put("file", relative(trial.path, folder))
+    if trial.log is not None:
+        out.put("pressure_file", relative(trial.log, folder), "its clock is synchronised with that of the shape")
+        steps = bool(held_sentences(trial.recording))
+        if options := {**(trial.log_mapping or {}), **({"hold": True} if steps else {})}:
+            out.put("pressure_mapping", options, "typed steps, held until the next row; false: linear between"
+                    if steps else "")  # fmt: skip
+    if trial.guess is not None:
+        if trial.guess.trials and trial.number is not None:
+            column, numbers = trial.guess.trials
+            out.put("select", {"column": column, "values": numbers}, "a recording for each trial")
+        first = inspected.first.guess
+        if first is not None and trial.guess.mapping["stations"] != first.mapping["stations"]:
+            out.put("mapping", {"stations": trial.guess.mapping["stations"]}, "the order of the stations in this file")
+    elif trial.mapping:
+        out.put("mapping", trial.mapping)
+    if (moving := moving_beside(trial)) is not None:
+        out.put("stations", moving, "the stations that move, tip last")
+    kind.entries(out, candidate)
+    if "rest" in trial.options:
+        seen = np.isfinite(trial.grouped["position"].values).all(axis=(1, 2))
+        out.put("alignment", {"options": {"rest": trial.options["rest"]}},
+                f"s: not all stations are labelled in the first {int(np.argmax(seen))} frames, the rest before")
+    elif (rest := stated_rest(trial, kind)) is not None:
+        out.put("alignment", {"options": {"rest": rest}}, "s: the body is never at rest; here it is nearest to it")
+
+
+def stated_rest(trial: Trial, kind: Kind) -> list[float] | None:
+    """Return the time [start, end] [s] to take as that of rest, if the base was not tracked and the body is never at
+    rest: the end of a free decay, else the first frames. None if the run finds a rest itself.
+    """
+    if trial.options or trial.angles_only or kind.poses or trial.recording.attrs["frame"] != "tracker":
+        return None
+    time = trial.recording["time"].values
+    try:
+        rest_window(trial.grouped)
+    except InputError:
+        last = float(np.ptp(time)) * REST if kind.excitation == "release" else 0.0
+        begin = float(time[-1]) - last if last else float(time[0])
+        return [round(begin, 3), round(begin + max(last, float(time[min(5, len(time) - 1)] - time[0])), 3)]
+    return None
+
+
+def moving_beside(trial: Trial) -> list[str] | None:
+    """If some stations besides the base stand still, or no station is the base, return the names of the stations that
+    move; otherwise None.
+    """
+    if not trial.options and not trial.angles_only and trial.recording.attrs["frame"] == "tracker":
+        names = list(trial.stations) or [str(s) for s in trial.recording["station"].values]
+        return names if len(names) > 1 else None
+    if trial.dense or trial.angles_only or trial.aligned is None:
+        return None
+    names = [str(s) for s in trial.aligned["station"].values if str(s) != trial.base]
+    still = set(standing_stations(trial.aligned)) & set(names)
+    return [n for n in names if n not in still] if 0 < len(still) < len(names) else None

@@ -1,0 +1,177 @@
+"""Tables of a generated study file that describe the body, its position in the tracker's frame, and its files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pliant.preprocessing.alignment import alignment_of
+from pliant.study.draft_inputs import LINKS
+from pliant.study.inspected import Inspected
+from pliant.study.shorthand import OPEN
+from pliant.study.toml_text import Lines
+from pliant.study.trial import Trial, body_length
+
+NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
+
+def camera(out: Lines, trials: Sequence[Trial]) -> None:
+    """Write the [camera] table with open questions, if points are in pixels and no file states the scale."""
+    if not any("camera" in trial.assumed for trial in trials):
+        return
+    out.table("camera")
+    out.say("the points are in pixels: until you state these, 30 frames a second and 1 pixel per mm are assumed below")
+    out.ask("rate_hz", "frames a second of the video")
+    out.ask("pixels_per_mm", "or state scale, plane or board instead: see docs/your_own_data.md")
+
+
+def mapping_table(out: Lines, trials: Sequence[Trial]) -> None:
+    """Write the [mapping] table: the proposed columns of tables that nobody described, or open questions for the units
+    of angle and pressure that no file states.
+    """
+    guess = trials[0].guess
+    if guess is not None:
+        out.table("mapping")
+        out.say("proposed from names, units, ranges and integer steps of the columns: check it", *guess.notes)
+        for name, value in guess.mapping.items():
+            if name == "stations":
+                continue
+            if name in guess.questions:
+                out.ask(name, guess.questions[name], None if value == OPEN else value, guess.questions[name])
+            else:
+                out.put(name, value)
+        out.questions += [f"{n}: {q}" for n, q in guess.questions.items() if guess.mapping[n] != OPEN]
+        out.table("mapping.stations")
+        for name, columns in guess.mapping["stations"].items():
+            out.put(name, columns)
+        return
+    asked = {k for trial in trials for k in trial.assumed if k != "camera"}
+    if not asked:
+        return
+    out.table("mapping")
+    out.say("until you state these, degrees and kPa are assumed below")
+    for name, known in (("angle_unit", "deg or rad"), ("pressure_unit", "gauge: kPa, bar, mbar, psi, Pa")):
+        if name in asked:
+            out.ask(name, known)
+
+
+def actuator(
+    out: Lines, trial: Trial, length: float | None, mass: float | None, diameter: float | None = None
+) -> None:
+    """Write the [actuator] table: length, mass, diameter, number of links and tip mass."""
+    out.table("actuator")
+    comment = "m, as you stated"
+    if length is None and (length := body_length(trial)) is not None:
+        along = "along the stations" if trial.dense else "from base to tip at rest"
+        comment = f"m, {along} in {trial.path.name}: correct it if you measured it"
+    out.ask("length", "m, of the part that bends", length, comment)
+    out.ask("mass", "kg, of the part that bends: weigh it, or density times volume; stiffness, damping and torque scale"
+            " with it",
+            mass, "kg, as you stated")
+    if diameter is not None:
+        out.put("diameter", diameter, "m, outer, as you stated: used to check density, modulus and torque")
+    else:
+        out.say("diameter = 0.03  (m, outer: remove the # if you know it; used to check density, modulus and torque)")
+    if trial.angles_only:
+        out.say("links = 2  (default: one for each angle, as many as angles can determine)")
+    elif not trial.dense:
+        out.put("links", LINKS)
+        out.put("joint_placement", "midsegment", "five links then have the frequency of a continuous beam to 1 %")
+    out.say("tip_mass = 0.006  (kg, a cap or a load at the tip: remove the # if there is one)")
+
+
+def space_entry(out: Lines, inspected: Inspected) -> None:
+    """Write the entry `space`, or a comment that proposes it, with the fraction of the motion that is out of its
+    best-fit plane.
+    """
+    share = 100 * max(trial.out_of_plane for trial in inspected.trials)
+    reason = f"{share:.0f} % of the motion is out of its best-fit plane"
+    if inspected.poses and inspected.space:
+        out.put("space", True, "settled poses are modelled in space")
+    elif inspected.space:
+        out.put("space", True, f"{reason}; remove this line to model the motion in that plane alone")
+    elif 0.01 * share > NEARLY_PLANAR and not inspected.first.angles_only:
+        out.say(f"space = true  ({reason} and ignored: remove the # for a study in space)")
+
+
+def weight(out: Lines, inspected: Inspected, gravity: Sequence[float] | None) -> None:
+    """Write the entry for gravity: the stated value; an open question if the body is released, since its weight may
+    drive the motion; otherwise a proposal as a comment.
+    """
+    trials = inspected.trials
+    if inspected.excited_by("release") or gravity is not None:
+        out.ask("gravity", f"m/s^2 in the axes of the tracker; {hanging(trials)}: it moves the released body",
+                None if gravity is None else [float(g) for g in gravity], "m/s^2 in the axes of the tracker")
+    else:
+        axes = "m/s^2, x and y of the base frame, +y along the base" if trials[0].angles_only else \
+            f"m/s^2 in the axes of the tracker; {hanging(trials)}"
+        out.say(f"gravity = {down(trials)}  ({axes}; needed unless the body lies flat)")
+
+
+def down(trials: Sequence[Trial]) -> list[float]:
+    """Return the gravity vector [m/s^2] of a body that hangs at rest, along the tracker's axis nearest to the base
+    tangent.
+
+    For recordings of angles alone the direction is +y of the base frame.
+    """
+    if trials[0].angles_only:
+        return [0.0, 9.81]
+    aligned = [trial.aligned for trial in trials if trial.aligned is not None and "alignment" in trial.aligned.attrs]
+    tangent = np.array(alignment_of(aligned[0]).base_tangent if aligned else [0.0, 0.0, -1.0])
+    nearest = int(np.argmax(np.abs(tangent)))
+    return [float(9.81 * np.sign(tangent[k])) if k == nearest else 0.0 for k in range(len(tangent))]
+
+
+def hanging(trials: Sequence[Trial]) -> str:
+    """Return the text of a comment with the gravity vector that holds if the body hangs at rest."""
+    return f"{down(trials)} if the body hangs at rest"
+
+
+def fibre(out: Lines, trial: Trial, length: float | None) -> None:
+    """Write the [fibre] table for a fibre whose tip is marked by a cap of known curvature."""
+    out.table("fibre")
+    out.say("the curvature of the end cap marks the tip; the base lies one body length before it along the fibre")
+    out.ask("body_length", "m, of the body along the fibre", length, "m, as you stated")
+    out.put("cap_curvature", float(trial.recording.attrs["cap_curvature"]), "1/m, as the file states")
+    out.put("cap_length", float(trial.recording.attrs["cap_length"]), "m, as the file states")
+
+
+def alignment(out: Lines, trial: Trial) -> None:
+    """Write the [alignment] tables, which transform positions from the tracker's frame to the base frame."""
+    if trial.recording.attrs["frame"] == "planar":
+        if not trial.dense and trial.recording.sizes["station"] > 1:
+            out.table("alignment.options")
+            out.put("base", trial.base, "the recording is planar already; this station does not move and is not fitted")
+        return
+    if trial.stations:
+        out.table("alignment.stations")
+        out.say("each station combines the markers on one rigid part, grouped by their names; base first, tip last")
+        for name, markers in trial.stations.items():
+            out.put(name, markers)
+    out.table("alignment.options")
+    if not trial.options:
+        out.ask("origin", "[x, y, z] of the base, m, in the tracker's axes: no tracked station shows the base")
+        out.ask("tangent", 'direction along the body at rest from its base, in these axes, as "+y" or [0.0, 1.0, 0.0]')
+        out.say('if a station sits on the base, remove both and name it instead: base = "..."')
+        return
+    out.put("base", trial.options["base"])
+    tangent = "base tangent from the first stations" if trial.dense else \
+        "from base to tip at rest; or state the body's axis in the tracker frame, e.g. \"+x\" or [1.0, 0.0, 0.0]"
+    out.put("tangent", trial.options["tangent"], tangent)
+    if "undo_jumps" in trial.options:
+        out.put("undo_jumps", True, "the orientation of a marker cluster jumps; jumps are counted and corrected")
+    if trial.problem:
+        out.say(f"The alignment fails: {trial.problem}")
+        out.questions.append(f"alignment: {trial.problem}")
+    elif trial.aligned is not None:
+        out.say(*[line for line in str(trial.aligned.attrs["history"]).splitlines()
+                  if line.startswith(("aligned", "out of plane", "the plane is", "the base moved"))])
+
+
+def reduction(out: Lines, trials: Sequence[Trial]) -> None:
+    """Write the [reduction] table, by which a dense shape is approximated by links."""
+    out.table("reduction")
+    widest = max(trials, key=lambda trial: trial.peak_motion)
+    out.put("recording", widest.name, "the recording that determines the links; it has the largest motion")
+    out.put("bound_mm", 3.0, "the smallest number of links with a shape error below this in every frame is used")
+    out.say("links = 5  (use this instead of bound_mm to set the number of links yourself)")

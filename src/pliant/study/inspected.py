@@ -1,0 +1,223 @@
+"""Inspection of all files of a draft together: kinds of experiment, plane or space, stations in one order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.study.column_guess import words_of
+from pliant.study.first_reading import several, with_logs
+from pliant.study.kinds import Kind, PoseOfFile, recognised
+from pliant.study.trial import Trial, from_one_side, in_space, inspect_file, inspect_guessed
+
+Array = np.ndarray
+BASE_STILL = 0.2  # of the largest displacement between files: the station that moves less is the base
+LAST_NUMBER = re.compile(r"[_ .:-]*[A-Za-z]*[_ .:-]*\d+$")
+ALIKE = 0.15  # of the highest pressure: sister channels differ by less (median)
+TRAINING = {"train", "training"}
+JUDGING = {"test", "testing", "validation", "valid", "val", "eval", "evaluation", "holdout"}
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """The recordings of a draft.
+
+    Attributes
+    ----------
+    trials : sequence of Trial
+    kinds : dict
+        Kind of experiment by the name of the recording.
+    space : bool
+        Whether the body moves in space.
+    channels : dict
+        Recorded pressure of each chamber of the model, by the chamber's name; {} if there is only one pressure.
+    """
+
+    trials: Sequence[Trial]
+    kinds: Mapping[str, Kind]
+    space: bool
+    channels: Mapping[str, str]
+
+    @property
+    def first(self) -> Trial:
+        """Return the first recording."""
+        return self.trials[0]
+
+    @property
+    def first_aligned(self) -> Trial:
+        """Return the first recording that could be aligned in the base frame, or the first if none could."""
+        return next((trial for trial in self.trials if trial.aligned is not None), self.trials[0])
+
+    @property
+    def poses(self) -> bool:
+        """Return whether the recordings are settled poses, so that nothing moves between them."""
+        return all(kind.poses for kind in self.kinds.values())
+
+    def excited_by(self, excitation: str) -> bool:
+        """Return whether some recording has this excitation."""
+        return any(kind.excitation == excitation for kind in self.kinds.values())
+
+    def held_out(self) -> list[str]:
+        """Return the names of the recordings to hold out for validation; [] if there is only one recording.
+
+        They are those whose names say so, such as validation beside train. Otherwise it is the recording with the
+        middle pressure (of two, the lower), so that the test does not extrapolate. If some pressure is unknown, the
+        peak displacement decides instead. If only some recordings drive several chambers together, one of these is held
+        out, so that the fit has the effect of each chamber alone.
+        """
+        if named := held_out_by_name(self.trials):
+            return named
+        if len(self.trials) < 2:
+            return []
+        together = [trial for trial in self.trials if len(trial.chambers) > 1]
+        trials = together if len(together) < len(self.trials) and together else self.trials
+        if any(isinstance(kind, PoseOfFile) for kind in self.kinds.values()):
+            tips = np.array([np.nanmedian(trial.last_motion, axis=0) for trial in trials])
+            size = dict(zip((t.name for t in trials), np.linalg.norm(tips - tips.mean(axis=0), axis=1), strict=True))
+        elif all(trial.highest_pa is not None for trial in trials):
+            size = {trial.name: abs(trial.highest_pa or 0.0) for trial in trials}
+        else:
+            size = {trial.name: trial.peak_motion for trial in trials}
+        return [sorted(size, key=lambda name: float(size[name]))[(len(trials) - 1) // 2]]
+
+
+def held_out_by_name(trials: Sequence[Trial]) -> list[str]:
+    """Return the recordings whose names say that they judge, or that they do not train while others do."""
+    words = {trial.name: set(words_of(trial.name)) for trial in trials}
+    judging = [name for name, said in words.items() if said & JUDGING and not said & TRAINING]
+    if not judging and any(said & TRAINING for said in words.values()):
+        judging = [name for name, said in words.items() if not said & TRAINING]
+    return judging if len(judging) < len(trials) else []
+
+
+def inspect_all(
+    files: Sequence[str | Path], mapping: Mapping[str, Any] | None, space: bool | None
+) -> Inspected:
+    """Read the files and return the inspected recordings, all aligned in the plane or all in space.
+
+    With `space=None` they are aligned in space if one of them moves in space, is driven by tendons, or holds settled
+    poses.
+
+    Raises
+    ------
+    InputError
+        When a file cannot be read or holds no positions, or two files share a name.
+    """
+    trials = [trial for one in with_logs([Path(f) for f in files], mapping) for trial in inspect_file(one)]
+    names = [trial.name for trial in trials]
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"a study needs recordings with different file names, got {', '.join(names) or 'none'}")
+    kinds = recognised(trials)
+    if all(isinstance(kind, PoseOfFile) for kind in kinds.values()):
+        trials = in_one_order(trials)
+    poses = any(kind.poses for kind in kinds.values())
+    shown = poses or any(trial.spatial or trial.tendon_inputs for trial in trials)
+    spatial = shown if space is None else space
+    if spatial:
+        trials = [in_space(trial, settled=kinds[trial.name].poses) for trial in trials]
+    channels = channels_of(trials)
+    if not spatial and len(channels) > 1:
+        trials = from_one_side(trials)
+    return Inspected(trials, kinds, spatial, channels)
+
+
+def channels_of(trials: Sequence[Trial]) -> dict[str, str]:
+    """Return the recorded pressure of each chamber of the model, by the chamber's name.
+
+    Sister channels, whose names differ in the last number alone and whose pressures are alike in all recordings, such
+    as those of five pouches on one valve, are one chamber. The channel nearest to their median drives it.
+    """
+    names = list(dict.fromkeys(name for trial in trials for name in trial.chambers))
+    stems = {name: LAST_NUMBER.sub("", name) for name in names}
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(stems[name] or name, []).append(name)
+    channels: dict[str, str] = {}
+    for stem, members in groups.items():
+        middle = middle_channel(trials, members) if len(members) > 1 else members[0]
+        if len(members) > 1 and middle:
+            channels[stem] = middle
+        else:
+            channels |= {name: name for name in members}
+    return shortened(channels)
+
+
+def shortened(channels: Mapping[str, str]) -> dict[str, str]:
+    """Return the channels with the words removed that all their names begin with, such as Measured_pressure_, as far as
+    the rest still begins with a letter.
+    """
+    words = [re.split(r"(?<=[_ .:-])", name) for name in channels]
+    shared = [part[0] for part in zip(*words, strict=False) if len(set(part)) == 1] if len(words) > 1 else []
+    for count in range(len(shared), 0, -1):
+        short = ["".join(parts[count:]) for parts in words]
+        if all(name[:1].isalpha() for name in short):
+            return dict(zip(short, channels.values(), strict=True))
+    return dict(channels)
+
+
+def middle_channel(trials: Sequence[Trial], members: Sequence[str]) -> str:
+    """Return the pressure channel that differs least from the median of all `members`; "" if the pressures of some
+    member are not like the others'.
+    """
+    apart = np.zeros(len(members))
+    for trial in trials:
+        if not set(members) <= set(several(trial.recording)):
+            return ""
+        values = trial.recording["pressure"].sel(chamber=list(members)).values
+        centre = np.median(values, axis=1)
+        away = np.median(np.abs(values - centre[:, None]), axis=0)
+        if away.max() > ALIKE * np.nanpercentile(np.abs(centre), 95):
+            return ""
+        apart = np.maximum(apart, away)
+    return members[int(np.argmin(apart))]
+
+
+def in_one_order(trials: Sequence[Trial]) -> list[Trial]:
+    """Return recordings of one settled pose each with the base, if a point stays where it is in all files, and with the
+    stations in one order: base first, then by their distance from it. Files of tables that nobody described may list
+    the stations in different orders.
+    """
+    places = [np.nanmedian(trial.grouped["position"].values, axis=0) for trial in trials]  # (S, 3) of each
+    gaps = np.array([[np.linalg.norm(p - point, axis=1).min() for p in places] for point in places[0]])  # (S, files)
+    still = int(np.argmin(gaps.max(axis=1)))
+    if gaps[still].max() > BASE_STILL * gaps.max():
+        return list(trials)
+    done = []
+    for trial, place in zip(trials, places, strict=True):
+        order = np.argsort(np.linalg.norm(place - places[0][still], axis=1))
+        done.append(ordered(trial, [int(k) for k in order]))
+    return done
+
+
+def ordered(trial: Trial, order: Sequence[int]) -> Trial:
+    """Return the trial with its stations in another order, the first of which is the base, if its file is a table that
+    nobody described; else with the base alone.
+    """
+    names = list(trial.stations) or [str(s) for s in trial.recording["station"].values]
+    if trial.guess is None:
+        return replace(trial, options=pose_options(trial, names[order[0]]))
+    listed = trial.guess.mapping["stations"]
+    titles = ["base", *(f"p{k}" for k in range(1, len(order) - 1)), "tip"]
+    stations = {title: listed[names[k]] for title, k in zip(titles, order, strict=True)}
+    guess = replace(trial.guess, mapping={**trial.guess.mapping, "stations": stations},
+                    neutral={**trial.guess.neutral, "stations": stations})  # fmt: skip
+    again = inspect_guessed(trial, guess)
+    return replace(again, options=pose_options(again, "base"))
+
+
+def pose_options(trial: Trial, base: str) -> dict[str, Any]:
+    """Return the options of the alignment of a settled pose: no pose shows the body at rest, so that the tangent is the
+    axis of the tracker nearest to the direction from the base to the last station.
+    """
+    recording = trial.grouped
+    place = np.nanmedian(recording["position"].values, axis=0)
+    chord = place[-1] - place[[str(s) for s in recording["station"].values].index(base)]
+    k = int(np.argmax(np.abs(chord)))
+    sign = "+" if chord[k] > 0 else "-"
+    return {"base": base, "tangent": f"{sign}{'xyz'[k]}", "plane": f"+{'xyz'[(k + 1) % 3]}"}

@@ -1,0 +1,303 @@
+"""Kinds of experiment that a draft recognises, one class each: how a recording shows its kind, and which entries its
+table in the study then needs. `KINDS` lists them, the most particular first.
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.identification import experiment
+from pliant.identification.edges import edges
+from pliant.identification.experiment import Excitation
+from pliant.recording.inputs import recorded_inputs
+from pliant.study.toml_text import Lines
+from pliant.study.trial import LEVEL, RETURNED, Trial
+
+Array = np.ndarray
+STILL = 0.05  # of the displacement between files: a file whose stations move less holds one pose
+APART_S = 0.3  # s between rows (median): a soft body has settled before the next row
+JUMP = 0.1  # of the spread of the tip: rows of settled poses differ by more (root mean square)
+ROUGH = 0.8  # change of successive steps over the steps: rows without a motion between them, if no time is known
+FRACTION, FEWEST = 0.02, 500  # of the motion that thinning may lose, and the frames that it leaves
+HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
+
+
+@dataclass(frozen=True)
+class TrialOfDraft:
+    """A recording whose kind is asked for, among all recordings of the draft, and the nominal pressure that the user
+    states for recordings without a measured one [Pa].
+    """
+
+    trial: Trial
+    trials: Sequence[Trial]
+    level: float | None = None
+
+
+class Kind(ABC):
+    """One kind of experiment."""
+
+    excitation: Excitation = "trace"
+    poses = False  # each row, or each file, is a settled pose
+    measured = True  # its inputs were recorded
+
+    @abstractmethod
+    def evidence(self, one: TrialOfDraft) -> str:
+        """Return what in the recording shows this kind, or "" if nothing does."""
+
+    @abstractmethod
+    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+        """Write the entries of the recording's table that this kind needs."""
+
+
+class PoseOfFile(Kind):
+    """One settled pose a file: nothing moves in a file, and the files differ."""
+
+    poses, measured = True, False
+
+    def evidence(self, one: TrialOfDraft) -> str:
+        """Return a sentence if the stations of every file stay where they are, and differ between the files."""
+        trials = one.trials
+        if len(trials) < 2 or any(t.recording.attrs["frame"] != "tracker" or t.angles_only for t in trials):
+            return ""
+        if any(moving_inputs(t) for t in trials) or len({t.recording.sizes["station"] for t in trials}) > 1:
+            return ""
+        within = max(float(max(t.quality.travel_m.values())) for t in trials)
+        centre = np.array([np.nanmedian(t.recording["position"].values, axis=(0, 1)) for t in trials])
+        between = float(np.linalg.norm(centre - centre[0], axis=1).max())
+        return "nothing moves in this file, and the files differ: it is one settled pose" \
+            if within < STILL * between else ""
+
+    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+        """Write that all rows are one pose, and the input that held it as the file's name says."""
+        out.put("poses", "median", "all rows are one settled pose, their median")
+        out.put("signal", "commanded", 'no input was recorded; "measured" if you measured it')
+        levels = levels_by_name(one.trials)[one.trial.name]
+        out.ask("inputs", "value of each input, SI", levels, levels_comment(one.trial, levels))
+        out.questions += [f"inputs: {UNIT_OF_INPUTS}"] if "?" in levels.values() else []
+
+
+UNIT_OF_INPUTS = "value of the input that the name of each file states, in N, m, rad or Pa"
+
+
+def levels_comment(trial: Trial, levels: Mapping[str, float | str]) -> str:
+    """Return the comment beside the levels of a settled pose."""
+    source = f"the name of the file is {trial.path.stem}"
+    return f"{UNIT_OF_INPUTS}: {source}" if "?" in levels.values() else f"Pa, {source}"
+
+
+def moving_inputs(trial: Trial) -> bool:
+    """Return whether a recorded input changes."""
+    return any(np.ptp(one.values[np.isfinite(one.values)]) > 0 for one in recorded_inputs(trial.recording))
+
+
+def levels_by_name(trials: Sequence[Trial]) -> dict[str, dict[str, float | str]]:
+    """Return the value of each input for each recording, as far as the file names state it: a pressure such as 30kPa
+    [Pa], else "?". A part of the names that few values share, such as m1 and m2, names the inputs; the others are 0.
+    """
+    parts = [trial.path.stem.split("_") for trial in trials]
+    width = min(len(p) for p in parts)
+    columns = [[p[k] for p in parts] for k in range(width)]
+    naming = [c for c in columns if 1 < len(set(c)) <= len(trials) // 2 and all(re.match("[A-Za-z]", v) for v in c)]
+    labels = naming[0] if naming else ["input"] * len(trials)
+    names = list(dict.fromkeys(labels))
+    levels: dict[str, dict[str, float | str]] = {}
+    for trial, label in zip(trials, labels, strict=True):
+        known = trial.highest_pa if LEVEL.search(trial.path.stem) else None
+        levels[trial.name] = {name: 0.0 if name != label else "?" if known is None else known for name in names}
+    return levels
+
+
+class PoseOfRow(Kind):
+    """A settled pose in each row, with the inputs that hold it."""
+
+    poses = True
+
+    def evidence(self, one: TrialOfDraft) -> str:
+        """Return a sentence if the rows are far apart in time and place, under measured inputs in space."""
+        trial = one.trial
+        if trial.angles_only or trial.recording.attrs["frame"] == "planar" or not moving_inputs(trial):
+            return ""
+        tip = trial.recording["position"].values[:, -1]
+        tip = tip[np.isfinite(tip).all(axis=1)]
+        if len(tip) < 3 or not (spread := float(tip.std(axis=0).max())):
+            return ""
+        step = np.diff(tip, axis=0)
+        jump = float(np.sqrt((step**2).sum(axis=1).mean())) / spread
+        rough = float(np.sqrt((np.diff(step, axis=0) ** 2).sum() / max((step**2).sum(), 1e-300)))
+        apart = float(np.median(np.diff(trial.recording["time"].values)))
+        timed = not trial.asks_rate
+        if jump < JUMP or (timed and apart < APART_S) or (not timed and rough < ROUGH):
+            return ""
+        when = f"{apart:.2g} s apart and " if timed else ""
+        return f"rows are {when}unlike their neighbours: each row is a settled pose"
+
+    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+        """Write that each row is a pose."""
+        out.put("poses", True, f"{self.evidence(one)}; remove this line if they follow a motion")
+
+
+class MeasuredInputs(Kind):
+    """A motion under inputs that were recorded: steps and waits, slow sweeps or random commands."""
+
+    def evidence(self, one: TrialOfDraft) -> str:
+        """Return how the recorded inputs change: in steps, slowly or at random."""
+        trial = one.trial
+        if trial.asks_inputs:
+            return "columns that change are probably its inputs"
+        if not {"pressure", "actuation"} & set(trial.recording):
+            return ""
+        if not moving_inputs(trial):
+            return "the recorded inputs never change"
+        if waits(trial):
+            return "the inputs change in steps and wait"
+        every = thinning(trial)
+        return f"the motion is slow: each frame of {every} shows it" if every > 1 else "the inputs were recorded"
+
+    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+        """Write the thinning of a motion that is recorded much faster than it moves."""
+        if (every := thinning(one.trial)) > 1:
+            out.put("every", every, "each such frame is used: lines between them miss the motion by 2 % at most")
+
+
+class FreeDecay(Kind):
+    """A free decay after release: no input, and the body does not return to where it began."""
+
+    excitation: Excitation = "release"
+    measured = False
+
+    def evidence(self, one: TrialOfDraft) -> str:
+        """Return a sentence if the body moves away from its first pose without a known pressure."""
+        stays = not returned(one.trial) and one.trial.highest_pa is None
+        return "no input, and the body does not return: taken as free decay after release" if stays else ""
+
+    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+        """Write the excitation, and how to state a pressure instead."""
+        when = moved(one.trial, self.excitation)
+        out.put("excitation", "release", self.evidence(one) + (f" ({when})" if when else ""))
+        if pulled_aside(one.trial):
+            out.put("held", "measured", 'pulled aside before; "unloaded" if a hand held it straight')
+        out.say('if a pressure moved the body, use these instead: nominal_pressure = 20.0 and pressure_unit = "kPa"')
+
+
+class UnrecordedPressure(Kind):
+    """A pulse or a step of a pressure that was not recorded, but stated in the file's name or by the user."""
+
+    measured = False
+
+    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+        """Write the nominal pressure, or ask for it."""
+        trial, kind = one.trial, self.excitation
+        when = moved(trial, kind)
+        sides = "a pulse is assumed, its edges" if kind == "pulse" else "a step is assumed, its start"
+        out.say(f"the pressure was not recorded: {sides} estimated from the motion and fitted"
+                + (f" ({when})" if when else ""))
+        if kind == "step":
+            out.put("excitation", "step", "the body does not return, so the end of the pulse was not recorded")
+        value, origin = trial.highest_pa, "from the name of the file"
+        if one.level is not None:
+            value, origin = one.level, "as you stated"
+        out.ask("nominal_pressure", f"kPa gauge, the pressure level of the {kind} in {trial.path.name}",
+                None if value is None else value / 1e3, origin)
+        out.put("pressure_unit", "kPa")
+
+
+class PressureStep(UnrecordedPressure):
+    """A step of a pressure that was not recorded: the body does not return."""
+
+    excitation: Excitation = "step"
+
+    def evidence(self, one: TrialOfDraft) -> str:
+        """Return a sentence if the body does not return."""
+        return "the body does not return: a step of pressure" if not returned(one.trial) else ""
+
+
+class PressurePulse(UnrecordedPressure):
+    """A pulse of a pressure that was not recorded: the body returns."""
+
+    excitation: Excitation = "pulse"
+
+    def evidence(self, one: TrialOfDraft) -> str:
+        """Return a sentence: what nothing else explains is taken as a pulse."""
+        known = one.trial.highest_pa
+        size = "" if known is None else f" of {known / 1e3:g} kPa, as its name says"
+        return f"no input was recorded, and the body returns: a pulse of pressure{size}"
+
+
+KINDS: tuple[Kind, ...] = (PoseOfFile(), PoseOfRow(), MeasuredInputs(), FreeDecay(), PressureStep(), PressurePulse())
+
+
+def recognised(trials: Sequence[Trial]) -> dict[str, Kind]:
+    """Return the kind of each recording, by its name."""
+    return {t.name: next(kind for kind in KINDS if kind.evidence(TrialOfDraft(t, trials))) for t in trials}
+
+
+def pulled_aside(trial: Trial) -> bool:
+    """Return whether a body that is released begins more bent than it ends: its last station is then nearer to the base
+    or, if that was not tracked, to the first station.
+    """
+    if trial.angles_only or (len(trial.stations) or trial.recording.sizes["station"]) < 2:
+        return False
+    recording = trial.grouped
+    place = recording["position"].values
+    base = [str(s) for s in recording["station"].values].index(trial.base) if trial.options else 0
+    chord = np.linalg.norm(place[:, -1] - place[:, base], axis=-1)
+    return bool(np.nanmedian(chord[:5]) < np.nanmedian(chord[-max(5, len(chord) // 20):]))
+
+
+def returned(trial: Trial) -> bool:
+    """Return whether the last station ends near where it began."""
+    away = np.linalg.norm(trial.last_motion - np.nanmedian(trial.last_motion[:5], axis=0), axis=-1)
+    return bool(np.nanmedian(away[-max(5, len(away) // 20):]) < RETURNED * np.nanmax(away))
+
+
+def waits(trial: Trial) -> bool:
+    """Return whether the inputs change in steps between which they stay for a second or longer."""
+    for one in recorded_inputs(trial.recording):
+        known = np.isfinite(one.values)
+        time, values = one.time[known], one.values[known]
+        span = np.ptp(values) if values.size else 0.0
+        if not span:
+            continue
+        edges_at = time[1:][np.abs(np.diff(values)) > 0.02 * span]
+        if not 0 < len(edges_at) < 0.1 * len(values) or np.median(np.diff(edges_at, append=time[-1])) < HELD_S:
+            return False
+    return True
+
+
+def thinning(trial: Trial) -> int:
+    """Return how many frames apart two frames may be: the frames between them, joined by straight lines, then differ
+    from the recorded ones by at most 2 % of the last station's motion (root mean square).
+    """
+    time = trial.recording["time"].values
+    motion = trial.last_motion
+    known = np.isfinite(motion).all(axis=-1)
+    time, motion = time[known], motion[known]
+    most = FRACTION * float(np.sqrt(np.mean((motion - motion.mean(axis=0)) ** 2))) if len(motion) else 0.0
+    best = 1
+    for every in (2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32):
+        if len(motion) < FEWEST * every:
+            break
+        joined = np.stack([np.interp(time, time[::every], column[::every]) for column in motion.T], axis=1)
+        if np.sqrt(np.mean((joined - motion) ** 2)) > most:
+            break
+        best = every
+    return best
+
+
+def moved(trial: Trial, excitation: Excitation) -> str:
+    """Return a comment with the times at which the motion begins and ends, or "" if they are unknown."""
+    if trial.aligned is None or not trial.has_scale:
+        return ""
+    stations = tuple(str(n) for n in trial.aligned["station"].values if trial.angles_only or n != trial.base)
+    recording = trial.aligned.assign_attrs(nominal_pressure=1.0)  # any level, since only the times are used
+    try:
+        edge_times = edges(experiment(trial.name, recording, stations=stations, excitation=excitation))
+    except InputError:
+        return ""
+    return ", ".join(f"{what} near {time:.2f} s" for what, time in edge_times.items())

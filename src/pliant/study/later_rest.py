@@ -1,0 +1,41 @@
+"""Search for a rest at which all stations are labelled, for recordings in which a station appears late."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pliant.errors import InputError
+from pliant.preprocessing.cut import cut_time
+from pliant.preprocessing.rest import rest_window
+
+NEAR = 0.2  # of the range of the last station's motion: it rests where it rested first
+TRIES = 10
+
+
+def later_rest(recording: xr.Dataset) -> list[float] | None:
+    """Return the first rest [start, end] [s] at which all stations are labelled and the last one is where it began.
+
+    None if all stations are labelled from the first frame on, or there is no such rest.
+    """
+    time, place = recording["time"].values, recording["position"].values
+    seen = np.isfinite(place).all(axis=2)
+    start = int(np.argmax(seen.all(axis=1)))
+    tip = place[seen[:, -1], -1]
+    if not start or not seen.all(axis=1).any() or len(tip) < 10:
+        return None
+    widest = float(np.linalg.norm(np.ptp(tip, axis=0)))
+    shape = recording.drop_vars([name for name in ("pressure", "actuation") if name in recording])
+    for _ in range(TRIES):
+        try:
+            begin, end = rest_window(cut_time(shape, float(time[start]), float(time[-1])))
+        except InputError:
+            return None
+        still = place[(time >= begin) & (time <= end), -1]
+        away = np.linalg.norm(np.nanmedian(still, axis=0) - np.median(tip[:10], axis=0))
+        if away < NEAR * widest:
+            return [round(begin, 3), round(end, 3)]
+        start = int(np.searchsorted(time, end, side="right")) + 1
+        if start >= len(time) - 10:
+            return None
+    return None
