@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ Array = np.ndarray
 BASE_STILL = 0.2  # of the largest displacement between files: the station that moves less is the base
 LAST_NUMBER = re.compile(r"[_ .:-]*[A-Za-z]*[_ .:-]*\d+$")
 ALIKE = 0.15  # of the highest pressure: sister channels differ by less (median)
+MOST_ORDERED = 7  # stations beside the base whose orders are all compared
 TRAINING = {"train", "training"}
 JUDGING = {"test", "testing", "validation", "valid", "val", "eval", "evaluation", "holdout"}
 
@@ -180,19 +182,34 @@ def middle_channel(trials: Sequence[Trial], members: Sequence[str]) -> str:
 
 def in_one_order(trials: Sequence[Trial]) -> list[Trial]:
     """Return recordings of one settled pose each with the base, if a point stays where it is in all files, and with the
-    stations in one order: base first, then by their distance from it. Files of tables that nobody described may list
-    the stations in different orders.
+    stations in one order: base first, then by their distance from it in the first pose.
+
+    Files of tables that nobody described may list the stations in different orders.
     """
     places = [np.nanmedian(trial.grouped["position"].values, axis=0) for trial in trials]  # (S, 3) of each
     gaps = np.array([[np.linalg.norm(p - point, axis=1).min() for p in places] for point in places[0]])  # (S, files)
     still = int(np.argmin(gaps.max(axis=1)))
     if gaps[still].max() > BASE_STILL * gaps.max():
         return list(trials)
-    done = []
+    base, done = places[0][still], []
+    first = places[0][np.argsort(np.linalg.norm(places[0] - base, axis=1))]
     for trial, place in zip(trials, places, strict=True):
-        order = np.argsort(np.linalg.norm(place - places[0][still], axis=1))
-        done.append(ordered(trial, [int(k) for k in order]))
+        done.append(ordered(trial, like_the_first(place, first)))
     return done
+
+
+def like_the_first(place: Array, first: Array) -> list[int]:
+    """Return the order of points (S, 3) in which their distances from each other are most like those of `first` (S, 3),
+    another pose of the same points. The base is where it is in the first pose.
+    """
+    base = int(np.argmin(np.linalg.norm(place - first[0], axis=1)))
+    others = [k for k in range(len(place)) if k != base]
+    if len(others) > MOST_ORDERED:
+        return [base, *sorted(others, key=lambda k: float(np.linalg.norm(place[k] - first[0])))]
+    wanted = np.linalg.norm(first[:, None] - first, axis=-1)
+    apart = np.linalg.norm(place[:, None] - place, axis=-1)
+    orders = [[base, *order] for order in permutations(others)]
+    return min(orders, key=lambda order: float(np.abs(apart[np.ix_(order, order)] - wanted).sum()))
 
 
 def ordered(trial: Trial, order: Sequence[int]) -> Trial:
