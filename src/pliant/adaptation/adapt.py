@@ -11,7 +11,6 @@ import numpy as np
 from pliant.adaptation.mounting import COMMON, COMMON_GAIN, mounting_parameters, of_mounting
 from pliant.adaptation.posterior import Posterior
 from pliant.adaptation.result import FAR, Adaptation, DayError, Move, Verdict
-from pliant.adaptation.widening import body_factor, widened_body
 from pliant.errors import InputError
 from pliant.identification.drives import at_rest
 from pliant.identification.experiment import Experiment
@@ -128,10 +127,8 @@ def adapt_model(
     """Fit a known arm to the first seconds of another day, and judge what changed.
 
     The posterior of the earlier fit is the prior of the body's parameters. Those of the mounting are free with wide
-    priors (`MOUNTING`). If parts of the seconds are then predicted clearly better from the other parts, the covariance
-    of the body is widened (`body_factor`). A parameter of the body that moves by more than four of its standard
-    deviations is released from its prior, and the fit is repeated. So are all of them if the mounting moves farther
-    than its priors allow.
+    priors (`MOUNTING`). A parameter of the body that moves by more than four of its standard deviations is released
+    from its prior, and the fit is repeated. So are all of them if the mounting moves farther than its priors allow.
 
     Parameters
     ----------
@@ -161,13 +158,8 @@ def adapt_model(
         "weighting": weighting, "loss": loss, "time_step": old.time_step, "tolerance": TOLERANCE,
         "least_error": least_error(old, day, weighting),
     }
-    result, released = fitted_day(posterior, day, posterior.prior, options), dict[str, float]()
-    factor = body_factor(posterior, day.fitted, result, weighting=weighting, least_error=options["least_error"])
-    prior = widened_body(posterior, factor).prior
-    if factor > 1.0:
-        notify(f"adapt: left-out parts of the seconds are predicted better if the body may differ by {factor**0.5:g} "
-               "times its standard deviations")  # fmt: skip
-        result = fitted_day(posterior, day, prior, options)
+    prior, released = posterior.prior, dict[str, float]()
+    result = fitted_day(posterior, day, prior, options)
     for _ in range(MOST_ROUNDS):
         moves = body_moves(posterior, result)
         far = {n: abs(z) for n, z in moves.items() if abs(z) > FAR}

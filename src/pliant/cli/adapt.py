@@ -41,8 +41,8 @@ def adapt(
 
     Example: pliant adapt results/arm --recording may.csv -o results/arm_may
     """
-    from pliant.study.adapted_run import SPREAD
     from pliant.study.adapted_run import adapt as adapted
+    from pliant.study.schema import SPREAD
 
     with progress_lines() as notify:
         outcome = adapted(results, recording, output, seconds=seconds, fit=fit, like=like,

@@ -12,14 +12,13 @@ from pliant.errors import InputError
 from pliant.files import output_folder
 from pliant.study.another_day import Robot, adapted_fits, signs_of
 from pliant.study.run import PreparedStudy, prepare_all, write_outcome
-from pliant.study.schema import AdaptEntry, Recording, Study, day_names, load_study
+from pliant.study.schema import SPREAD, AdaptEntry, Recording, Study, day_names, load_study
 from pliant.study.verdict import headline, verdict
 from pliant.validation.outcome import FitOutcome, StudyOutcome, in_recorded_axes
 from pliant.validation.store import load_fit
 from pliant.version import __version__
 
 Notify = Callable[[str], None]
-SPREAD: float = AdaptEntry.model_validate({"recordings": ["any"]}).spread
 
 
 def adapt(

@@ -24,6 +24,7 @@ from pliant.sweep.spec import Sweep
 Weighting = Literal["travel", "metre", "noise", "decay"]
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 TermName = Annotated[str, AfterValidator(known_term)]
+SPREAD = 0.15  # standard deviation between robots of a kind, as a fraction of each parameter
 Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard errors; 0: the sandwich formula
 
 
@@ -174,7 +175,7 @@ class AdaptEntry(StudyEntry):
     fit: str = ""  # fit to start from; default: the adaptation before this one, or the first fit
     seconds: float = Field(20.0, gt=0)  # s of motion to fit, warm-up included
     of_a_kind: bool = False  # another robot of the kind, not the same one on another day
-    spread: float = Field(0.15, gt=0)  # standard deviation between robots of a kind, as a fraction of each parameter
+    spread: float = Field(SPREAD, gt=0)  # standard deviation between robots of a kind, as a fraction of each parameter
 
 
 class Targets(StudyEntry):
