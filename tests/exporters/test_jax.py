@@ -15,6 +15,7 @@ from target_models import paper
 
 import pliant
 from pliant.compiler.choose import twin
+from pliant.equations.laws import LAWS
 from pliant.equations.linearised import step_jacobian
 from pliant.exporters.provenance import Uncertainty
 from pliant.mechanics import mechanics_of
@@ -90,6 +91,14 @@ def test_a_module_runs_without_pliant(tmp_path):
     assert "pliant" not in done.stdout
 
 
+def test_every_torque_law_is_tried_and_an_unknown_one_is_refused(tmp_path, monkeypatch):
+    assert {law.name for law in LAWS} <= {row.get("law") for row in INPUTS.values()}
+    monkeypatch.setattr("pliant.exporters.jax_module.KNOWN_LAWS", ())
+    with pytest.raises(pliant.InputError, match="torque law 'saturating': not expressible in jax"):
+        pliant.export(combined("plane", "none", "saturating"), "jax", tmp_path / "arm.py")
+    assert not list(tmp_path.iterdir())
+
+
 def cases():
     """Bodies with hysteresis and inputs, so that every two kinds of parts meet."""
     pasts, inputs = list(PASTS), list(INPUTS)
@@ -158,7 +167,7 @@ def directions(arm, arguments, rng):
     own, state, commands = arguments
     for name, value in own.items():
         if name not in SMOOTH or np.all(np.abs(np.asarray(value) - 0.5) < 0.5):
-            size = float(np.max(np.abs(value))) or 0.01
+            size = 0.0 if name == "torque" else float(np.max(np.abs(value))) or 0.01  # torque: N m over powers of Pa
             yield name, ({k: along(v, size) if k == name else 0.0 * v for k, v in own.items()},
                          arm.BodyState(*(0.0 * np.asarray(s) for s in state)), 0.0 * commands)  # fmt: skip
     still = {k: 0.0 * v for k, v in own.items()}
