@@ -160,6 +160,9 @@ SMOOTH = {  # parameters that switch a part off at their value of 0, or select o
 }
 
 
+KEPT_AT_ZERO = {"torque", "tendon_stiffness", "pretension"}  # powers of Pa of all sizes; a tendon at 0 N has a kink
+
+
 def directions(arm, arguments, rng):
     """Random directions in each argument: a parameter by its own size, and states and inputs by theirs."""
     def along(value, least):
@@ -168,7 +171,7 @@ def directions(arm, arguments, rng):
     own, state, commands = arguments
     for name, value in own.items():
         if name not in SMOOTH or np.all(np.abs(np.asarray(value) - 0.5) < 0.5):
-            size = 0.0 if name == "torque" else float(np.max(np.abs(value))) or 0.01  # torque: N m over powers of Pa
+            size = 0.0 if name in KEPT_AT_ZERO else float(np.max(np.abs(value))) or 0.01
             yield name, ({k: along(v, size) if k == name else 0.0 * v for k, v in own.items()},
                          arm.BodyState(*(0.0 * np.asarray(s) for s in state)), 0.0 * commands)  # fmt: skip
     still = {k: 0.0 * v for k, v in own.items()}
