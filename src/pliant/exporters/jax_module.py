@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from pliant.compiler.trace import CURVED
+from pliant.equations.laws import POLYNOMIAL
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError
 from pliant.exporters.c_functions import DERIVED, UNIT, parameters
@@ -38,6 +39,7 @@ BOUCWEN = tuple(f"boucwen_{name}" for name in ("share", "beta", "gamma", "expone
 FIXED = ("tied", "dead_time", "boucwen", "valve", "rubber")  # written in another form, or part of the structure
 FAR = 1e300  # in place of an infinite bound
 LEAST_WITHIN, STEP = 0.1, 1e-3  # fraction of draws within bounds; step of a derivative over the standard error
+KNOWN_LAWS = ("saturating",)  # those that `jax_source.inputs.lever` computes beside the polynomial
 FORM = 5  # column of a chamber's constants that holds the number of its torque law
 
 
@@ -140,6 +142,9 @@ def chamber_kinds(chambers: tuple[ActuationInput, ...]) -> tuple[Any, ...]:
     """Return the inputs grouped by the kind of their torque: indices, law, lag, inflation and Gent's wall."""
     kinds: dict[tuple[Any, ...], list[int]] = {}
     for i, c in enumerate(chambers):
+        if c.law not in (POLYNOMIAL, *KNOWN_LAWS):
+            raise InputError(f"torque law {c.law!r}: not expressible in jax: use a polynomial, or add the law to "
+                             "jax_source/inputs.py")  # fmt: skip
         kind = int(c.kernel()[1 + FORM]), bool(c.swell_share), bool(c.inflation_limit), bool(c.inflation_jm)
         kinds.setdefault(kind, []).append(i)
     return tuple((tuple(rows), *kind) for kind, rows in kinds.items())
