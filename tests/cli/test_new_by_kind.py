@@ -74,6 +74,18 @@ def test_pressures_in_space_with_one_body_are_found_by_name(tmp_path):
         "pressure", "length", "mass", "origin", "tangent"]  # fmt: skip
 
 
+@pytest.mark.parametrize(("left_on", "warm_up"), [(0.3, 1.3), (0.0, None)])
+def test_inputs_that_are_switched_on_and_stay_on_get_a_warm_up(tmp_path, left_on, warm_up):
+    t, inputs = moving(1500)
+    raised = np.clip(t / 1.5, 0.0, 1.0)[:, None] * left_on + (1.0 - left_on) * inputs
+    psi = 8.0 * raised[:, :2]
+    columns = {"time": t, "pressure_1_psi": psi[:, 0], "pressure_2_psi": psi[:, 1]}
+    file = table(tmp_path / "waves.csv", {**columns, **body_columns(tip_of(raised))})
+    study = drafted(tmp_path, file)
+    assert study["recordings"]["waves"].get("warm_up") == (warm_up and pytest.approx(warm_up, abs=0.11))
+    assert study["actuator"]["links"] == 3
+
+
 def test_rows_that_jump_are_settled_poses_and_the_validation_file_judges(tmp_path):
     files = []
     for name, count in (("v1_train", 300), ("v1_check", 40)):

@@ -74,6 +74,9 @@ def actuator(
         out.say("diameter = 0.03  (m, outer: remove the # if you know it; used to check density, modulus and torque)")
     if trial.angles_only:
         out.say("links = 2  (default: one for each angle, as many as angles can determine)")
+    elif not trial.dense and not trial.options and trial.recording.sizes["station"] == 1 and not trial.tendon_inputs:
+        out.put("links", 3, "one tracked point shows no more than an even bend")
+        out.put("joint_placement", "midsegment")
     elif not trial.dense:
         out.put("links", LINKS)
         out.put("joint_placement", "midsegment", "five links then have the frequency of a continuous beam to 1 %")

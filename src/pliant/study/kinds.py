@@ -25,6 +25,8 @@ APART_S = 0.3  # s between rows (median): a soft body has settled before the nex
 JUMP = 0.1  # of the spread of the tip: rows of settled poses differ by more (root mean square)
 ROUGH = 0.8  # change of successive steps over the steps: rows without a motion between them, if no time is known
 FRACTION, FEWEST = 0.02, 500  # of the motion that thinning may lose, and the frames that it leaves
+SWITCHING = 0.08  # of the duration in which inputs may be switched on
+ZERO = 0.03  # of an input's highest value, below which it is off
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
 
@@ -163,6 +165,9 @@ class MeasuredInputs(Kind):
         """Write the thinning of a motion that is recorded much faster than it moves."""
         if (every := thinning(one.trial)) > 1:
             out.put("every", every, "each such frame is used: lines between them miss the motion by 2 % at most")
+        if (warm_up := switched_on(one.trial)) is not None:
+            out.put("warm_up", warm_up, "s: all inputs are switched on in this time, and none goes back to zero; the "
+                    "body begins wherever it was left, so that this time is simulated but not compared")
 
 
 class FreeDecay(Kind):
@@ -268,6 +273,24 @@ def waits(trial: Trial) -> bool:
         if not 0 < len(edges_at) < 0.1 * len(values) or np.median(np.diff(edges_at, append=time[-1])) < HELD_S:
             return False
     return True
+
+
+def switched_on(trial: Trial) -> float | None:
+    """Return the time [s] from the first frame in which several inputs rise from zero, to which none returns, while
+    some go on to move; None for a recording that begins otherwise.
+    """
+    inputs = [one for one in recorded_inputs(trial.recording) if np.isfinite(one.values).all() and np.ptp(one.values)]
+    begin = float(trial.recording["time"].values[0])
+    duration = float(np.ptp(trial.recording["time"].values))
+    risen, moving = [], False
+    for one in inputs:
+        later = one.values[one.time - begin > SWITCHING * duration]
+        low, high = (float(later.min()), float(later.max())) if later.size else (0.0, 0.0)
+        if not abs(one.values[0]) < ZERO * high < low:
+            return None
+        risen.append(float(one.time[np.argmax(one.values >= low)]) - begin)
+        moving |= high - low > 0.5 * high
+    return round(max(risen), 1) if len(inputs) > 1 and moving else None
 
 
 def thinning(trial: Trial) -> int:
