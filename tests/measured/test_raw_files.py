@@ -50,11 +50,11 @@ def test_a_raw_file_is_shown_with_few_lines(tmp_path, shared_data, file, mapping
 
 @pytest.mark.parametrize("file", ["spatial_tentacle/m1_u01.csv", "fiber_shape/label.txt",
                                   "planar_two_segment_arm/jan10-4_steps_chamber1_1.txt"])  # fmt: skip
-def test_a_raw_table_without_names_asks_for_indices(shared_data, file):
-    message = str(invoke("inspect", shared_data / file).exception)
-    assert "give a mapping that names its columns" in message
-    assert " 0 to " in message
-    assert len(message) < 200
+def test_the_columns_of_a_raw_table_without_names_are_proposed(shared_data, file):
+    done = invoke("inspect", shared_data / file, "--quiet")
+    assert done.exit_code == 0, done.output
+    assert "pliant new writes them into [mapping]" in done.output
+    assert "stations: p1, p2, p3" in done.output
 
 
 @pytest.mark.slow  # eight recordings

@@ -159,7 +159,7 @@ def test_nothing_unfinished_is_left_behind(done: tuple[StudyOutcome, Path, list[
     left = {p.name for p in done[1].rglob("*") if p.is_file() and (p.name.startswith(".") or p.suffix == ".tmp")}
     assert left == set()
     names = {p.name for p in done[1].iterdir()}
-    assert names == {"model.json", "metrics.json", "study.json", "report.html", "results.nc"}
+    assert names == {"model.json", "metrics.json", "study.json", "report.html", "results.nc", "run.log"}
 
 
 def test_a_run_tells_what_it_does(done: tuple[StudyOutcome, Path, list[str]]) -> None:

@@ -26,13 +26,13 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.actuation_input import ActuationInput
 from pliant.model.extensible import tied_joints
-from pliant.model.features import ALL, FIRST_ORDER, VALVES
+from pliant.model.features import FIRST_ORDER, RESTING, VALVES
 from pliant.model.parts import declared
 from pliant.simulation import state
 
 Array = np.ndarray
 FOLDER = "pliant.exporters.jax_source"
-CAN = (ALL - VALVES) | FIRST_ORDER
+CAN = (RESTING - VALVES) | FIRST_ORDER
 VALVE = ("rise_time", "fall_time", "rise_rate", "fall_rate")
 RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time", "inflation_jm")
 BOUCWEN = tuple(f"boucwen_{name}" for name in ("share", "beta", "gamma", "exponent"))

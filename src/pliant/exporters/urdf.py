@@ -31,13 +31,13 @@ from pliant.exporters.rigid_chain import (
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
-from pliant.model.features import ALL
+from pliant.model.features import RESTING
 from pliant.text import identifiers
 
 LOST = "URDF has no springs and no pressure: it holds links, joints, inertia and dampers, and its joints are loose"
 WORLD = "URDF has no gravity: set gravity in the simulator that loads the file"
 CAN = frozenset({"points", "space", "twist", "lengthening", "space_lengthening"})
-BY_NATURE = dict.fromkeys(ALL - CAN - {"gravity"}, LOST) | {"gravity": WORLD}
+BY_NATURE = dict.fromkeys(RESTING - CAN - {"gravity"}, LOST) | {"gravity": WORLD}
 Array = np.ndarray
 TURN = 3.0  # rad, limit of a joint, which sets the range of RViz's sliders
 STRAINS = -0.5, 1.0  # limits of a strain

@@ -125,8 +125,7 @@ def align(
     if recording.attrs["frame"] == "planar":
         return half_turn(recording) if bend is not None and planar_side(recording) == -_wanted_sign(bend) else recording
     recording = _without_jumps(recording, undo=undo_jumps)
-    index = _base_index(recording, base)
-    window, span = _rest(recording, rest)
+    index, (window, span) = _base_index(recording, base), _rest(recording, rest)
     position = recording["position"].values
     matrices = to_matrix(recording["quaternion"].values) if "quaternion" in recording else None
     pose = _rest_pose(position[window], recording)

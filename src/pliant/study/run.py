@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from pliant.errors import FitError, InputError, PliantError
+from pliant.errors import FitError, InputError
 from pliant.failures import FAILED, Failures, NotComputed, fit_failure
 from pliant.files import output_folder, replaced_together, write_text
 from pliant.identification import Experiment
@@ -137,7 +137,8 @@ def fit_warnings(study: Study, fits: Sequence[FitOutcome], ready: PreparedStudy)
 @contextmanager
 def logged(notify: Notify, folder: Path, began: float) -> Iterator[Notify]:
     """Context manager that yields a function that passes each line of progress on and adds it, with the seconds since
-    `began`, to a new log in the folder. A full disk ends the log, not the run; a run that fails leaves none.
+    `began`, to a new log in the folder. A full disk ends the log, not the run. A run that fails leaves none, unless it
+    can go on.
     """
     path = folder / LOG
 
@@ -150,9 +151,10 @@ def logged(notify: Notify, folder: Path, began: float) -> Iterator[Notify]:
         path.unlink(missing_ok=True)
     try:
         yield note
-    except PliantError:
-        with suppress(OSError):
-            path.unlink(missing_ok=True)
+    except BaseException:  # Ctrl-C among them
+        if not (folder / SEARCH).exists():
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
         raise
 
 

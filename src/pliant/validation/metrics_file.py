@@ -212,6 +212,7 @@ class SelectionTable(MetricsEntry):
     terms: list[str]
     reason: str
     seconds: float = Field(description="wall time, s")
+    complete: bool = Field(True, description="false if an interrupt or the time limit ended the search")
     steps: list[StepEntry]
 
 
