@@ -16,6 +16,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import ActuationInput, Extension, Model
 
 NO_SHARE = 1e-6  # fraction at which a hysteresis branch or a late part of the pressure has no effect
+WIDE = 0.5  # of an input's highest value, down to which it must come to show the curvature of its torque law
 GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
 TERMS = {  # the names of all terms, and what they add
     "joints": "stiffness of each joint",
@@ -188,7 +189,7 @@ def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
     """Yield the terms of the inputs: torque laws of chambers, lags of valves, offset of the clock."""
     driven = [e for e in experiments if e.excitation != "release"]
     for start, chamber in zip(prefixes(model), model.chambers, strict=True) if driven else ():
-        if chamber.uses("torque"):
+        if chamber.uses("torque") and shows_curvature(chamber, driven):
             yield from torque_laws(start, chamber, highest_level(driven))
     if all(e.poses for e in driven):
         return
@@ -203,6 +204,16 @@ def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
         yield branch("settle", "", "valve_settle_share", "valve_settle_time", (0.3, 1.0, 3.0))
     if any(e.excitation == "trace" for e in driven):
         yield term("clock", "", [Parameter("start", 0.0)], {"start": 0.0})
+
+
+def shows_curvature(chamber: ActuationInput, driven: Sequence[Experiment]) -> bool:
+    """Return whether the recordings can show the curvature of an input's torque law: its measured values come down to
+    half of the highest one, in frames that are compared. Otherwise differences between recordings would pass for it.
+    """
+    values = [np.abs(trace(e.time[np.isfinite(e.compared).any(axis=(1, 2))]))
+              for e in driven if (trace := e.driving(chamber.name)) is not None]  # fmt: skip
+    highest = max((v.max(initial=0.0) for v in values), default=0.0)
+    return min((float(v.min(initial=np.inf)) for v in values), default=0.0) <= WIDE * highest
 
 
 def torque_laws(start: str, chamber: ActuationInput, highest: float) -> Iterator[Term]:
