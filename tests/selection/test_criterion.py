@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.identification import Experiment
+from pliant.identification import Experiment, Parameter
 from pliant.selection.criterion import (
     FEWEST_BLOCKS,
     MOST_BLOCKS,
@@ -20,6 +20,8 @@ from pliant.selection.criterion import (
 )
 from pliant.selection.fitted import FittedModel, percent_of
 from pliant.selection.screen import joined, within
+from pliant.selection.search import at_bounds
+from pliant.selection.terms import Term
 
 SMALL = 1e-4  # size of the parameters in units of their typical size, so that the weak prior does not count
 
@@ -85,6 +87,15 @@ def test_a_screen_keeps_the_priors_of_the_parent(rng):
     child, moves = joined(held, (), more)
     assert child.cost == pytest.approx(0.5 * np.sum((both @ end - aim) ** 2), rel=1e-8)
     np.testing.assert_allclose(moves, end[4:], rtol=1e-6)
+
+
+def test_a_term_that_ends_at_a_bound_is_named():
+    soft = Term("softening", "springs that soften", (Parameter("stiffening", 0.0),), {"stiffening": 0.0})
+    free = [Parameter("stiffening", -1.0), Parameter("damping", 0.1)]
+    fit = SimpleNamespace(problem=SimpleNamespace(free=free), values={"stiffening": free[0].lower, "damping": 0.1})
+    assert at_bounds(fit, soft) == ["stiffening"]
+    fit.values["stiffening"] = -1.0
+    assert at_bounds(fit, soft) == []
 
 
 def test_a_recording_beyond_the_others_does_not_outweigh_them():

@@ -333,6 +333,8 @@ class Search:
         trial = trial._replace(cost=best.cost, left_out=score, reason="")
         if best.cost > (1 + SAME) * self.best.cost:
             return None, trial._replace(reason="its fit has not converged: the cost is above that without the term")
+        if ends := at_bounds(best, term):
+            return None, trial._replace(reason=f"its fit ends at a bound: {', '.join(ends)}")
         by = f"{100 * (np.sqrt(score / self.score) - 1):+.2g} %"
         if score > (1 - MATERIAL) * self.score:
             return None, trial._replace(reason=f"left-out parts are predicted no better (error {by})")
@@ -422,6 +424,13 @@ class Search:
         stop += "".join(f"; not determined, but needed: {n} ({v})" for n, v in vague.items())
         return (f"{names}: left-out parts of the training recordings are predicted with {last:.3g} % of the peak "
                 f"displacement ({first:.3g} % without these terms); {stop}")
+
+
+def at_bounds(fit: FittedModel, term: Term) -> list[str]:
+    """Return the free parameters of a term that end at a bound which is not the value without effect."""
+    values = fit.values
+    return [p.name for p in fit.problem.free if p.name in {a.name for a in term.adds} and not p.shrink
+            and values[p.name] in (p.lower, p.upper) and values[p.name] != term.null.get(p.name)]  # fmt: skip
 
 
 def cost_without(fit: FittedModel, term: Term) -> float:
