@@ -129,6 +129,7 @@ def unrelated(path: Path) -> Path:
     return write_recording(path, np.column_stack([TIMES, pressure, seen.reshape(TIMES.size, -1)]))
 
 
+@pytest.mark.slow
 def test_another_arm_gets_start_values_and_exit_code_1(arm, tmp_path):
     found = adapted(arm, unrelated(tmp_path / "other.csv"), tmp_path / "new", code=1)
     assert found["adaptations"]["adapted"]["verdict"] == "another arm"

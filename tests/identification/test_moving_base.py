@@ -67,7 +67,9 @@ CASES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [
+    pytest.param(case, marks=pytest.mark.slow) if "space" in case else case for case in CASES
+])  # fmt: skip
 def test_derivatives_are_those_of_differences(case):
     options = CASES[case]
     model, base = body(**options), shaken(space=options.get("space", False))

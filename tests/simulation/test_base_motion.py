@@ -72,8 +72,12 @@ def test_base_at_rest_gives_the_numbers_of_a_fixed_base(space, segments):
     assert "energy_gain" not in moved.attrs
 
 
-@pytest.mark.parametrize("memory", [Memory(), Memory((0.3,), (0.2,)), Memory(slip_share=(0.3,), slip_angle=(0.01,))])
-@pytest.mark.parametrize("segments", [(), (Extension(stiffness=3.0, damping=0.05),)])
+@pytest.mark.parametrize("memory", [
+    Memory(), Memory((0.3,), (0.2,)),
+    pytest.param(Memory(slip_share=(0.3,), slip_angle=(0.01,)), marks=pytest.mark.slow),
+])  # fmt: skip
+@pytest.mark.parametrize("segments", [(), pytest.param((Extension(stiffness=3.0, damping=0.05),),
+                                                       marks=pytest.mark.slow)])  # fmt: skip
 def test_plane_and_space_agree(memory, segments):
     """Two different texts: absolute angles with a turning base, and a recursion that begins at the base."""
     more = {"memory": memory, "extensions": segments, "base_angle": 0.0}

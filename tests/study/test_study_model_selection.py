@@ -104,6 +104,7 @@ def demo_study_without_selection(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_model_selection_ends_at_its_time_limit(tmp_path: Path) -> None:
     outcome = run_study(load_study(written(tmp_path, minutes=1e-6, held_out=[])))
     assert outcome.model_selection is not None
