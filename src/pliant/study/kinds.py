@@ -26,6 +26,7 @@ JUMP = 0.1  # of the spread of the tip: rows of settled poses differ by more (ro
 ROUGH = 0.8  # change of successive steps over the steps: rows without a motion between them, if no time is known
 FRACTION, FEWEST = 0.02, 500  # of the motion that thinning may lose, and the frames that it leaves
 SWITCHING = 0.08  # of the duration in which inputs may be switched on
+NEARLY = 0.95  # of the lowest value that an input has later: it is on
 ZERO = 0.03  # of an input's highest value, below which it is off
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
@@ -288,7 +289,7 @@ def switched_on(trial: Trial) -> float | None:
         low, high = (float(later.min()), float(later.max())) if later.size else (0.0, 0.0)
         if not abs(one.values[0]) < ZERO * high < low:
             return None
-        risen.append(float(one.time[np.argmax(one.values >= low)]) - begin)
+        risen.append(float(one.time[np.argmax(one.values >= NEARLY * low)]) - begin)
         moving |= high - low > 0.5 * high
     return round(max(risen), 1) if len(inputs) > 1 and moving else None
 
