@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pliant.identification import Experiment, fit, identifiability, predict, predict_held_out
-from pliant.identification.fit_step import LONGEST, LONGEST_OVER_DAMPED, fit_step
+from pliant.identification.fit_step import LONGEST, LONGEST_OVER_DAMPED, LONGEST_SLOW, fit_step
 from pliant.model import Model, Station
 from pliant.selection import select_model
 from pliant.simulation import Trace
@@ -44,6 +44,24 @@ def test_an_over_damped_body_takes_longer_steps_that_are_as_accurate(truth: Mode
     assert LONGEST < step <= LONGEST_OVER_DAMPED
     coarse, fine = (predict(over, pushed, {}, h)["position"] for h in (step, 2e-4))
     assert np.abs(coarse - fine).max() < 3e-3 * body.length
+
+
+def test_a_slow_recording_of_an_over_damped_body_takes_longer_steps(truth: Model) -> None:
+    """A quarter of the time between frames, up to 50 ms; a recording at 100 Hz stays at 10 ms."""
+    body = truth.with_(stations=(Station("tip", truth.n - 1, float(truth.link_length[-1])),))
+    over = body.with_(damping=30.0 * next(d for d in np.geomspace(1e-3, 10.0, 200) if not rings(body.with_(damping=d))))
+
+    def pushed(spacing: float) -> Experiment:
+        times = np.arange(0.0, 9.0, spacing)
+        moving = np.random.default_rng(0).normal(size=(times.size, 1, 2))
+        return Experiment("o", times, moving, ("tip",), "trace", Trace(times, 8e4 * np.sin(0.7 * times) ** 2))
+
+    slow = pushed(0.2)
+    step = fit_step(over, {}, [slow])
+    assert LONGEST_OVER_DAMPED < step <= LONGEST_SLOW
+    assert fit_step(over, {}, [slow, pushed(0.01)]) == fit_step(over, {}) <= LONGEST_OVER_DAMPED
+    coarse, fine = (predict(over, slow, {}, h)["position"] for h in (step, 5e-3))
+    assert np.abs(coarse - fine).max() < 1e-3 * body.length
 
 
 @pytest.mark.slow

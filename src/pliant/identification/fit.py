@@ -176,7 +176,7 @@ def first_problem(
     model, filled = searched(experiments, model, parameters, time_step or LONGEST, weighting)
     if not any(p.free for p in filled):
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
-    step = time_step or fit_step(model, values_of(filled))
+    step = time_step or fit_step(model, values_of(filled), experiments)
     check_step(model, step, "midpoint")
     return Problem(list(experiments), model, filled, step, weighting, prior)
 

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+import numpy as np
+
+from pliant.identification.experiment import Experiment
 from pliant.identification.parameters import apply
 from pliant.model import Model
 from pliant.simulation.time_step import rings, shared_step
 
 LONGEST = 2e-3  # s
 LONGEST_OVER_DAMPED = 1e-2  # s
+LONGEST_SLOW = 5e-2  # s
+STEPS_A_FRAME = 4
 
 
-def fit_step(model: Model, values: Mapping[str, float]) -> float:
+def fit_step(model: Model, values: Mapping[str, float], experiments: Sequence[Experiment] = ()) -> float:
     """Return the longest time step [s] that resolves the modes of a model with the parameter `values` (SI): at most 2
-    ms, or 10 ms if no mode that noticeably moves the tip rings. Parameters that no model has, such as those of a
-    recording, have no effect.
+    ms or, if no mode that noticeably moves the tip rings, 10 ms and up to 50 ms where that is a quarter of the time
+    between the frames of all `experiments`. Parameters that no model has, such as those of a recording, have no effect.
     """
     applied = apply(model, values)
-    return shared_step([applied], LONGEST if rings(applied) else LONGEST_OVER_DAMPED)
+    if rings(applied):
+        return shared_step([applied], LONGEST)
+    spacing = min((float(np.median(np.diff(e.time))) for e in experiments if e.time.size > 1), default=0.0)
+    return shared_step([applied], float(np.clip(spacing / STEPS_A_FRAME, LONGEST_OVER_DAMPED, LONGEST_SLOW)))

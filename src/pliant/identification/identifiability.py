@@ -125,7 +125,7 @@ def identifiability(
         When the start values cannot be simulated.
     """
     model, filled = prepare(experiments, model, parameters)
-    time_step = time_step or fit_step(model, values_of(filled))
+    time_step = time_step or fit_step(model, values_of(filled), experiments)
     return examine(Problem(list(experiments), model, filled, time_step, "noise"))
 
 

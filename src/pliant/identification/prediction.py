@@ -28,7 +28,7 @@ def predict(
     shared one. `time_step` is in s; default: the longest one, at most 2 ms (10 ms if none rings), that resolves the
     modes of the model.
     """
-    forward = forward_problem(model, exp, values, time_step or fit_step(model, values))
+    forward = forward_problem(model, exp, values, time_step or fit_step(model, values, [exp]))
     rows = observed_rows(forward, forward.numbers, exp.time.size)[:, : len(exp.stations)]
     return {
         "position": rows[..., : exp.dimension], "angle": referenced_angles(exp, rows),

@@ -207,7 +207,7 @@ class Study(StudyEntry):
     adapt: Annotated[list[AdaptEntry], BeforeValidator(as_list)] = []  # one table, or one for each day
     targets: Targets = Targets()
     sweep: Sweep | None = None
-    time_step: float | None = Field(None, gt=0, le=0.1)  # s; None: chosen for the start of each fit, at most 2 or 10 ms
+    time_step: float | None = Field(None, gt=0, le=0.1)  # s; None: chosen for the start of each fit, at most 2 to 50 ms
     seed: int = 0
     folder: str = "."  # start of relative file names; set when the study is loaded
 
