@@ -15,15 +15,17 @@ LONGEST = 2e-3  # s
 LONGEST_OVER_DAMPED = 1e-2  # s
 LONGEST_SLOW = 5e-2  # s
 STEPS_A_FRAME = 4
+SLOW = 0.1  # s between frames, which show no mode of vibration
 
 
 def fit_step(model: Model, values: Mapping[str, float], experiments: Sequence[Experiment] = ()) -> float:
     """Return the longest time step [s] that resolves the modes of a model with the parameter `values` (SI): at most 2
-    ms or, if no mode that noticeably moves the tip rings, 10 ms and up to 50 ms where that is a quarter of the time
-    between the frames of all `experiments`. Parameters that no model has, such as those of a recording, have no effect.
+    ms or, if no mode that noticeably moves the tip rings, 10 ms. If the frames of all `experiments` are 0.1 s apart or
+    more: at most a quarter of that time and 50 ms. Parameters that no model has, such as those of a recording, have no
+    effect.
     """
     applied = apply(model, values)
-    if rings(applied):
-        return shared_step([applied], LONGEST)
     spacing = min((float(np.median(np.diff(e.time))) for e in experiments if e.time.size > 1), default=0.0)
-    return shared_step([applied], float(np.clip(spacing / STEPS_A_FRAME, LONGEST_OVER_DAMPED, LONGEST_SLOW)))
+    if spacing >= SLOW:
+        return shared_step([applied], min(spacing / STEPS_A_FRAME, LONGEST_SLOW))
+    return shared_step([applied], LONGEST if rings(applied) else LONGEST_OVER_DAMPED)
