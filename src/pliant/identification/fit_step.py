@@ -3,37 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 
 import numpy as np
 
-from pliant.errors import SimulationError
 from pliant.identification.experiment import Experiment
 from pliant.identification.parameters import apply
 from pliant.model import Model
-from pliant.simulation import modes
 from pliant.simulation.time_step import rings, shared_step
 
 LONGEST = 2e-3  # s
 LONGEST_OVER_DAMPED = 1e-2  # s
 LONGEST_SLOW = 5e-2  # s
 STEPS_A_FRAME = 4
-STEPS_A_PERIOD = 16  # of the first mode, which such frames do not show
-SLOW = 0.1  # s between frames, which show no mode of vibration
+SLOW = 0.1  # s between frames
 
 
 def fit_step(model: Model, values: Mapping[str, float], experiments: Sequence[Experiment] = ()) -> float:
     """Return the longest time step [s] that resolves the modes of a model with the parameter `values` (SI): at most 2
-    ms or, if no mode that noticeably moves the tip rings, 10 ms. If the frames of all `experiments` are 0.1 s apart or
-    more, they show no vibration: a quarter of that time, at most 50 ms and a sixteenth of the first mode's period.
-    Parameters that no model has, such as those of a recording, have no effect.
+    ms or, if no mode that noticeably moves the tip rings, 10 ms; in that case a quarter of the time between frames and
+    at most 50 ms, if the frames of all `experiments` are 0.1 s apart or more. Parameters that no model has, such as
+    those of a recording, have no effect.
     """
     applied = apply(model, values)
     spacing = min((float(np.median(np.diff(e.time))) for e in experiments if e.time.size > 1), default=0.0)
-    slow = min(spacing / STEPS_A_FRAME, LONGEST_SLOW) if spacing >= SLOW else 0.0
-    if not rings(applied):
-        return shared_step([applied], slow or LONGEST_OVER_DAMPED)
-    with suppress(SimulationError):
-        if slow:
-            return min(slow, 1.0 / (STEPS_A_PERIOD * max(float(modes(applied)[0][0]), 1e-6)))
-    return shared_step([applied], LONGEST)
+    slow = min(spacing / STEPS_A_FRAME, LONGEST_SLOW) if spacing >= SLOW else LONGEST_OVER_DAMPED
+    return shared_step([applied], LONGEST if rings(applied) else slow)
