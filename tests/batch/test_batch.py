@@ -13,6 +13,8 @@ from pliant.model import Chamber, Extension, Memory, Space, Valve, chain_model
 from pliant.simulation import Chirp, Multisine, Pulse, Trace, equilibrium, modes, simulate
 from pliant.simulation.time_step import resolving_step
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 TIMES = np.arange(61) / 75.0
 EVERYTHING = ("joint_angle", "joint_rate", "tip_position")
 

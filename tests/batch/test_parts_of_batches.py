@@ -22,6 +22,8 @@ from pliant.model import Chamber, Extension, Memory, Valve, chain_model
 from pliant.simulation import Pulse, equilibrium, modes
 from pliant.simulation.solve import STEPS_PER_PERIOD
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 TIMES = np.arange(9) / 100
 PULSE = Pulse(2e4, 0.02)
 

@@ -14,6 +14,8 @@ from pliant.model import Station, chain_model, save_model
 from pliant.recording import make_recording, write
 from pliant.simulation import PointForce, Trace, simulate
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 NOISE_DEG, MOUNTED_DEG = np.array([0.15, 0.1]), np.array([3.0, -2.0])
 BODY = chain_model(length=0.16, mass=0.1, links=2, joint_placement="midsegment", stiffness=0.1, damping=3e-3,
                    torque=[4e-7], stations=[Station("imu1", 0, 0.08), Station("imu2", 1, 0.04)])  # fmt: skip

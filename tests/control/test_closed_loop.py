@@ -16,6 +16,8 @@ from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watc
 from pliant.model import load_model
 from pliant.testbed.plant import Plant
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 MODEL = Path(__file__).parents[2] / "examples" / "control" / "model_a.json"  # identify.py there: actuator a alone
 VALVE = SupplyValve(9.01, 6.46, 0.765, 8.12e-3)  # the same for all: the rig's
 PERIOD, HIGHEST = 4e-3, 190e3

@@ -25,6 +25,8 @@ from pliant.study.body import study_model
 from pliant.study.body_tables import ActuatorEntry
 from pliant.validation.use_figures import control_figure
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 AZIMUTHS = {"red": 90.0, "green": 210.0, "blue": 330.0}  # deg
 LENGTH, STIFFNESS, DAMPING = 0.3, 0.09, 2.2e-3  # m, N m^2, N m^2 s
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from pliant.loop import read_log
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 SCRIPT = Path(__file__).parents[2] / "examples" / "control" / "two_segments.py"
 
 

@@ -16,6 +16,8 @@ from pliant.simulation import Stepper, Trace, equilibrium, simulate
 from pliant.simulation.balance import energy_defects
 from pliant.simulation.state import relaxed
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 ARM = chain_model(
     length=0.2, mass=0.15, links=3, joint_placement="midsegment", stiffness=0.9, damping=2e-2, gravity=[0.0, 9.81],
     chambers=(Chamber([2e-6], axial_gain=60.0),),

@@ -21,6 +21,8 @@ from pliant.model import Space, Station, Tendon, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Trace, equilibrium
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 AZIMUTHS = {"left": 0.3, "right": 2.4, "low": 4.5}
 STEP = 1e-3  # s, that nothing here takes
 

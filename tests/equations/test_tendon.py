@@ -17,6 +17,8 @@ from pliant.equations import motion, spatial, spatial_points, spatial_springs, t
 from pliant.mechanics import mechanics_of
 from pliant.model import Space, Tendon, load_model, save_model
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 DRAWN = (2.0, 1.0, -1.0)  # N, what draws the tendons in
 
 

@@ -18,6 +18,8 @@ from pliant.recording import make_recording
 from pliant.simulation import Pulse, Trace, equilibrium
 from pliant.validation.use_figures import estimate_overview
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 H, FRAMES = 1 / 75, 40
 TIME, CLOCK = H * np.arange(FRAMES), np.linspace(0.0, 1.0, 2001)
 TRACES = [Trace([0.0, 0.1, 0.14, 1.0], [0.0, 0.0, p, p]) for p in (4e4, 2.5e4)]

@@ -34,6 +34,8 @@ from pliant.model import Extension, Memory, Station, Valve, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import equilibrium
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 BODY = chain_model(length=0.2, mass=0.05, links=2, stiffness=[1.0, 1.5], damping=0.01, torque=[1e-6])
 ARM = chain_model(length=0.3, mass=0.05, links=3, stiffness=[1.0, 1.5, 2.0], damping=0.01, torque=[1e-6])
 PERIOD = 5e-3  # compiled kernels are those of three links, which other tests take too

@@ -21,6 +21,8 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Valve
 from pliant.simulation import Stepper
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install 'pliant[export]'")
 if shutil.which("cc") is None:
     pytest.skip("no C compiler (cc) is on the path: an FMU has no binary to run", allow_module_level=True)

@@ -18,6 +18,8 @@ from pliant.identification.held_pose import BENDS, DISTANCE, STAGES, beyond_reac
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Space, Station, chain_model
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 Array = np.ndarray
 BODY: dict[str, Any] = {"length": 0.3, "mass": 0.1, "damping": 0.01, "torque": [1e-6]}
 TRUNK = chain_model(**BODY, stiffness=0.1, links=3, joint_placement="midsegment", space=True)

@@ -16,6 +16,8 @@ from pliant.model import Extension, Memory, Model, Station
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce, integral
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 TIMES = np.arange(0.0, 0.8, 0.01)
 L, MASS, K, D = np.array([0.06, 0.05]), np.array([0.02, 0.015]), np.array([0.5, 0.4]), np.array([2e-3, 1e-3])
 THREAD = PointForce(np.array([0.1, 0.15, 0.5, 0.5]), np.array([[0, 0], [0.6, -0.4], [0.6, -0.4], [0, 0]]), "knot")

@@ -12,6 +12,8 @@ from pliant.identification import Experiment, Parameter, fit, predict, sensitivi
 from pliant.model import Extension, Memory, Model, Space
 from pliant.simulation import BaseMotion, Pulse, Trace, simulate
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 TIME = np.linspace(0.0, 1.5, 301)
 STATIONS = (("middle", 1, 0.02, 0.004), ("tip", 2, 0.04, 0.0))
 

@@ -14,6 +14,8 @@ from pliant.identification.parameters import apply
 from pliant.identification.residuals import length_weights
 from pliant.model import Model, Station, Valve, chain_model
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 FINE = 2.5e-5  # s; at this step the midpoint rule is within some 1e-7 of the adaptive solution that made the data
 EXACT = 1e-6
 WRONG = {

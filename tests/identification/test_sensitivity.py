@@ -16,6 +16,8 @@ from pliant.identification.sensitivity import slopes_of
 from pliant.model import Model, Valve
 from pliant.simulation import Pulse, simulate
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 STEP = 1e-3
 VALUES = {
     "p.start": 0.1234, "p.stop": 0.6012, "stiffness": 0.9, "stiffness_2": 0.8, "damping": 6e-3, "mass": 0.05,

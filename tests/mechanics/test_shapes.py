@@ -14,6 +14,8 @@ import pliant
 from pliant.mechanics import Mechanics, mechanics_of
 from pliant.model import Chamber, Extension, Model, Station, chain_model
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 SHAPED = re.compile(r"""(?:Float|Inexact)\[Array, ['"]([^'"]*)['"]\]""")
 HALVES = (Extension(60.0, 0.05, 0.0, 0.15, "lower"), Extension(40.0, 0.03, 0.15, None, "upper"))
 CHAMBERS = (Chamber((1e-6,), axial_gain=30.0, name="a"), Chamber((4e-7,), joint_gain=(0, 0, 1, 1), name="b"))

@@ -13,6 +13,8 @@ from pliant.selection import TERMS, Term, terms_for
 from pliant.selection.fitted import FitSetting
 from pliant.simulation import Trace, simulate
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 TIMES = np.arange(0.0, 0.6, 0.02)
 NO_EFFECT = 1e-5  # of the residuals' size: a share of 1e-6 is not quite nothing
 STRETCHED = 0.02  # the same for a segment with a stiffness of 1 kN, which the body's own motion stretches

@@ -9,6 +9,8 @@ from pliant.errors import InputError
 from pliant.model import Extension, Memory, Model, Space
 from pliant.simulation import BaseMotion, PointForce, Pulse, equilibrium, simulate
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 TIME = np.linspace(0.0, 1.0, 2001)
 ANGLE = 0.4 * np.sin(6 * TIME) + 0.2 * np.sin(13 * TIME)
 SHAKEN = np.column_stack([0.05 * np.sin(9 * TIME), 0.03 * np.sin(7 * TIME)])

@@ -9,6 +9,8 @@ from pliant.model import Model, Valve, chain_model
 from pliant.simulation import Pulse, Step, simulate
 from pliant.simulation.drive import drive, grade
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 TIMES = np.linspace(0, 0.12, 7)
 BENT = np.array([0.17, 0.5, 0.4, 0.0, 0.65, -0.5])
 

@@ -12,6 +12,8 @@ from pliant.simulation import Pulse, Step, Stepper, Trace, equilibrium, modes, s
 from pliant.simulation.drive import drive
 from pliant.simulation.initial_value import march
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 CREEP = Memory(creep_share=(0.1, 0.2), creep_time=(0.05, 1.0))
 SLIP = Memory(slip_share=(0.1, 0.2), slip_angle=(0.005, 0.02))
 BOUC_WEN = Memory(boucwen_share=0.3, boucwen_beta=40.0, boucwen_gamma=20.0)

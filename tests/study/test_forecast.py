@@ -15,6 +15,8 @@ from pliant.study.forecast import check_forecasts, other_pressures, run_forecast
 from pliant.study.schema import ForecastEntry, Study
 from pliant.view.rows import known_unit
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 TIME = np.arange(0.0, 1.0, 0.01)
 SEEN = np.stack([np.sin(TIME), 1.0 + 0.0 * TIME], axis=-1)[:, None]
 

@@ -15,6 +15,8 @@ from pliant.testbed.laboratory import Laboratory, run_rod
 from pliant.testbed.rod import actuator
 from pliant.testbed.scenarios import scenario
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled first
+
 
 @pytest.fixture(scope="module")
 def motion():
