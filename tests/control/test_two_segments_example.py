@@ -5,6 +5,8 @@ from __future__ import annotations
 import runpy
 from pathlib import Path
 
+import pytest
+
 from pliant.loop import read_log
 
 pytestmark = pytest.mark.slow  # kernels of their own are compiled first
