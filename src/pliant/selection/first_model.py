@@ -9,16 +9,13 @@ import numpy as np
 
 from pliant.identification.chamber_parameters import has_effect, prefixes
 from pliant.identification.experiment import Experiment
-from pliant.identification.parameters import Parameter, apply, shared_name
-from pliant.identification.problem import Problem
+from pliant.identification.parameters import Parameter, shared_name
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.selection.determined import DETERMINED
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
-from pliant.simulation.time_step import rings
 
 Entry = Parameter | str
-RATIOS_ALONE = 0.03  # of the effect of the stiffness that other parameters must leave for it to be fitted
 ALIKE = (("gain_x", "gain_y"), ("axial_gain",), ("torque_1",))  # parameters of inputs that have one size in a body
 
 
@@ -71,25 +68,6 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
         return parent
     parameters = [replace(p, free=False, source=held[p.name]) if p.name in held else p for p in parent.parameters]
     return fitted(setting, parent.model, parameters, prior_weight=parent.problem.size)
-
-
-def anchored(problem: Problem, entries: Sequence[Entry]) -> list[Entry]:
-    """Return the parameters of a first fit, with the stiffness held at its start value if the body is over-damped and
-    the derivatives there show only ratios to the stiffness. A fit would else run along that valley.
-    """
-    names = [p.name for p in problem.free]
-    if "stiffness" not in names or rings(apply(problem.model, problem.values(problem.start))):
-        return list(entries)
-    jacobian = problem.jacobian(problem.start)
-    k = names.index("stiffness")
-    others = np.linalg.qr(np.delete(jacobian, k, axis=1))[0]
-    own = jacobian[:, k]
-    rest = own - others @ (others.T @ own)
-    if np.linalg.norm(rest) > RATIOS_ALONE * np.linalg.norm(own):
-        return list(entries)
-    value = problem.values(problem.start)["stiffness"]
-    held = Parameter("stiffness", value, free=False, source="held: nothing rings, so that only ratios to it show")
-    return [held if (e if isinstance(e, str) else e.name) == "stiffness" else e for e in entries]
 
 
 def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:

@@ -80,7 +80,7 @@ class SearchFile:
             content = read_entries(self.path, "search")
             if content["key"] != self.key:
                 return None
-            parameters = tuple(Parameter(**with_infinities(p)) for p in content["parameters"])
+            parameters = tuple(Parameter(**p) for p in content["parameters"])
             numbers = (float(content[n]) for n in ("prior_weight", "time_step", "seconds"))
             return SearchState(tuple(map(str, content["terms"])),
                                tuple(SelectionStep.from_dict(s) for s in content["steps"]), parameters, *numbers)
@@ -91,8 +91,3 @@ class SearchFile:
 def without_infinities(entries: Mapping[str, Any]) -> dict[str, Any]:
     """Return the entries of a parameter without infinite bounds."""
     return {n: v for n, v in entries.items() if n not in UNBOUNDED or np.isfinite(v)}
-
-
-def with_infinities(entries: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a parameter, those of its attributes alone."""
-    return {n: v for n, v in entries.items() if n in Parameter.__dataclass_fields__}

@@ -11,14 +11,14 @@ import numpy as np
 
 from pliant.errors import FitError, InputError, PliantError
 from pliant.identification.experiment import Experiment
-from pliant.identification.fit import check_choices, finished, first_problem, fit
+from pliant.identification.fit import check_choices, finished, fit
 from pliant.identification.optimise import solve
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.selection.criterion import criterion, groups_of, left_out, noise_of
 from pliant.selection.determined import undetermined
-from pliant.selection.first_model import Entry, anchored, beginning, determined
+from pliant.selection.first_model import Entry, beginning, determined
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.result import ModelSelection, RivalModel, SelectionStep, TriedTerm
 from pliant.selection.saved import SearchFile
@@ -139,8 +139,6 @@ def first_fit(
     """
     options: dict[str, Any] = {"starts": 2, "max_evaluations": 100, "time_step": how["time_step"],
                                "weighting": how["weighting"], "loss": how["loss"], "rng": how["rng"]}  # fmt: skip
-    problem = first_problem(train, model, parameters, how["time_step"], how["weighting"])
-    parameters = anchored(problem, parameters)
     try:
         return fit(train, model, parameters, **options)
     except FitError as error:
