@@ -16,21 +16,17 @@ from pliant.files import reason_of, whole, write_new
 from pliant.loop import LoopLog, new_key
 from pliant.testbed.bundle import FOLDER
 
-resource = pytest.importorskip("resource")
+pytest.importorskip("resource", reason="limits of a process exist on POSIX systems only")
 PULSE = FOLDER / "pulse_119.nc"
 
 
 def without_space(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run the program where no file can take a byte."""
+    """Run the program where no file can take a byte. Python ignores the signal, so that writing raises OSError."""
+    limited = ("sh", "-c", 'ulimit -f 0; exec "$@"', "sh")
     return subprocess.run(
-        [sys.executable, "-m", "pliant", *map(str, arguments)], capture_output=True, text=True, check=False,
-        timeout=300, preexec_fn=forbid_bytes, env={**os.environ, **environment},
+        [*limited, sys.executable, "-m", "pliant", *map(str, arguments)], capture_output=True, text=True, check=False,
+        timeout=300, env={**os.environ, **environment},
     )  # fmt: skip
-
-
-def forbid_bytes() -> None:
-    """Limit the size of written files to 0 bytes. Python ignores the signal, so that writing raises OSError."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
 
 
 def test_a_study_that_cannot_be_written_can_be_written_later(tmp_path: Path) -> None:
