@@ -1,4 +1,4 @@
-"""Bodies that follow their inputs slowly: which recordings show one, and the first model that its settled shapes give."""
+"""Bodies that follow their inputs slowly: which recordings show one, and the first model from settled shapes."""
 
 from __future__ import annotations
 
