@@ -19,7 +19,7 @@ from pliant.selection.criterion import (
     noise_of,
 )
 from pliant.selection.fitted import FittedModel, percent_of
-from pliant.selection.screen import joined, within
+from pliant.selection.screen import condensed, joined, within
 from pliant.selection.search import at_bounds
 from pliant.selection.terms import Term
 
@@ -65,12 +65,12 @@ def test_a_screen_predicts_the_cost_of_a_linear_fit_with_further_columns(rng):
     more = rng.normal(size=(60, 2))
     both = np.column_stack([A, more])
     x = np.linalg.lstsq(both, y, rcond=None)[0]
-    child, moves = joined(fit, (), more)
+    child, moves = joined(fit.linear, (), more)
     assert child.cost == pytest.approx(0.5 * np.sum((both @ x - y) ** 2), rel=1e-10)
     np.testing.assert_allclose(moves, x[4:], rtol=1e-8)
     fewer = np.column_stack([A[:, 1:], more])
     end = np.linalg.lstsq(fewer, y - A[:, 0] * fit.x[0], rcond=None)[0]
-    child, moves = joined(fit, ("p0",), more)
+    child, moves = joined(fit.linear, (0,), more)
     assert child.cost == pytest.approx(0.5 * np.sum((fewer @ end + A[:, 0] * fit.x[0] - y) ** 2), rel=1e-10)
 
 
@@ -84,9 +84,23 @@ def test_a_screen_keeps_the_priors_of_the_parent(rng):
     held, more = FittedModel(fit.problem, x, A @ x - y, A), rng.normal(size=(60, 1))
     both = np.column_stack([whole, np.append(more, 0.0)])
     end = np.linalg.lstsq(both, aim, rcond=None)[0]
-    child, moves = joined(held, (), more)
+    child, moves = joined(held.linear, (), more)
     assert child.cost == pytest.approx(0.5 * np.sum((both @ end - aim) ** 2), rel=1e-8)
     np.testing.assert_allclose(moves, end[4:], rtol=1e-6)
+
+
+def test_rows_rotated_into_few_give_the_same_screen(rng):
+    fit = linear(rng)[0]
+    more, groups = rng.normal(size=(60, 2)), np.repeat(np.arange(3), 20)
+    few = condensed(fit.linear, more, groups)
+    assert few.groups.size == 3 * 7
+    whole, moves = joined(fit.linear, (), more)
+    small, same = joined(few.linear, (), few.columns)
+    np.testing.assert_allclose(same, moves, rtol=1e-9)
+    assert small.cost == pytest.approx(whole.cost, rel=1e-10)
+    noise, problem = noise_of(fit), SimpleNamespace(observed=[1])
+    assert criterion(problem, left_out(small, few.groups, noise), few.groups) == pytest.approx(
+        criterion(problem, left_out(whole, groups, noise), groups), rel=1e-9)
 
 
 def test_a_term_that_ends_at_a_bound_is_named():
@@ -99,12 +113,12 @@ def test_a_term_that_ends_at_a_bound_is_named():
 
 
 def test_a_recording_beyond_the_others_does_not_outweigh_them():
-    problem = SimpleNamespace(observed=[1] * 4, parted=lambda r: [(None, part) for part in np.split(r, 4)])
+    problem, groups = SimpleNamespace(observed=[1] * 4), np.repeat(np.arange(4), 5)
     errors = np.repeat([1.0, 1.0, 1.0, 1000.0], 5)
     better = np.repeat([0.5, 0.5, 0.5, 1100.0], 5)
-    assert criterion(problem, better) < 0.5 * criterion(problem, errors)
+    assert criterion(problem, better, groups) < 0.5 * criterion(problem, errors, groups)
     few = SimpleNamespace(observed=[1] * 2)
-    assert criterion(few, better) > criterion(few, errors)
+    assert criterion(few, better, groups) > criterion(few, errors, groups)
 
 
 @pytest.mark.parametrize(("lower", "upper", "begin", "end", "part"), [

@@ -48,27 +48,26 @@ class TermRefusal(NamedTuple):
 def screened(
     parent: FittedModel, model: Model, terms: Iterable[Term], setting: FitSetting, groups: Array,
 ) -> tuple[list[TermProposal], list[TermRefusal]]:
-    """Return what each term would lower the cost of `parent` by, the best row of its grid first by the
-    criterion of `groups` (N,), and the terms that
-    cannot be screened. `model` is that of the parent without the values of any term.
+    """Return what each term would lower the cost of `parent` by, the best row of its grid first by the criterion of
+    `groups` (N,), and the terms that cannot be screened. `model` is that of the parent without the values of any term.
 
     The cost is that of the linear problem with the parent's parameters free (Rao's efficient score): the part of the
     residual that the term's derivatives explain beyond those of the parent.
     """
     proposals, refusals = [], []
-    every = list(terms)
+    every, noise = list(terms), noise_of(parent)
     for panel in panels(t for t in every if t.null):
         try:
-            proposals += screened_together(parent, model, panel, setting, groups)
+            proposals += screened_together(parent, model, panel, setting, groups, noise)
         except PliantError:  # find out which one
             for pair in panel:
                 try:
-                    proposals += screened_together(parent, model, [pair], setting, groups)
+                    proposals += screened_together(parent, model, [pair], setting, groups, noise)
                 except PliantError as error:
                     refusals.append(TermRefusal(pair[0], str(error)))
     for term, row in ((t, row) for t in every if not t.null for row in t.grid):
         try:
-            proposals.append(tried_out(parent, model, term, row, setting, groups))
+            proposals.append(tried_out(parent, model, term, row, setting, groups, noise))
         except PliantError as error:
             refusals.append(TermRefusal(term, str(error)))
     return sorted(proposals, key=lambda p: p.score), refusals
@@ -96,25 +95,25 @@ def fit_together(one: Term, other: Term) -> bool:
 
 def screened_together(
     parent: FittedModel, model: Model, panel: Sequence[tuple[Term, Mapping[str, float]]], setting: FitSetting,
-    groups: Array,
+    groups: Array, noise: float,
 ) -> list[TermProposal]:
     """Return the proposals of terms that one model can hold at their null values, from one Jacobian."""
     values = parent.values
     added = [p.with_(shrink=0.0) for term, row in panel for p in term.at_null(row, values)]
     problem = setting.problem(panel[0][0].model(model), [*held_parent(parent, added), *added])
-    columns = problem.data_jacobian(problem.start)
+    few = condensed(parent.linear, problem.data_jacobian(problem.start), groups)
     place = {p.name: k for k, p in enumerate(problem.free)}
     proposals = []
     for term, row in panel:
         mine = [place[p.name] for p in term.adds if p.name in place]
         scale = problem.scale[mine]
-        linear, moves = joined(parent, term.replaces, columns[:, mine])
+        linear, moves = joined(few.linear, replaced(parent, term), few.columns[:, mine])
         at_null = {problem.free[k].name: float(problem.start[k] * problem.scale[k]) for k in mine}
         target = dict(zip(at_null, (np.array(list(at_null.values())) + moves * scale).tolist(), strict=True))
         parameters = {p.name: p for p in term.adds}
         part = min((within(parameters[n], at_null[n], target[n]) for n in at_null), default=1.0)
         reached = {n: at_null[n] + part * (target[n] - at_null[n]) for n in at_null}
-        score = criterion(parent.problem, left_out(linear, groups, noise_of(parent)))
+        score = criterion(parent.problem, left_out(linear, few.groups, noise), few.groups)
         proposals.append(TermProposal(term, row, linear.cost, score, at_null, reached, part > LEAST_STEP))
     return proposals
 
@@ -128,6 +127,7 @@ def held_parent(parent: FittedModel, added: Iterable[Parameter]) -> list[Paramet
 
 def tried_out(
     parent: FittedModel, model: Model, term: Term, row: Mapping[str, float], setting: FitSetting, groups: Array,
+    noise: float,
 ) -> TermProposal:
     """Return the proposal of a term that has no derivative where it has no effect, from one simulation: its effect at
     one row of its grid counts as the column of a parameter between 0 and 1.
@@ -137,18 +137,44 @@ def tried_out(
     moved = problem.data_residual(problem.start)
     if problem.broken:
         raise SimulationError(problem.broken)
-    linear, (part,) = joined(parent, term.replaces, (moved - parent.residual)[:, None])
-    score = criterion(parent.problem, left_out(linear, groups, noise_of(parent)))
+    few = condensed(parent.linear, (moved - parent.residual)[:, None], groups)
+    linear, (part,) = joined(few.linear, replaced(parent, term), few.columns)
+    score = criterion(parent.problem, left_out(linear, few.groups, noise), few.groups)
     return TermProposal(term, row, linear.cost, score, dict(row), dict(row), bool(part > LEAST_PART))
 
 
-def joined(parent: FittedModel, replaced: Sequence[str], columns: Array) -> tuple[Linearised, Array]:
-    """Return the linear problem at its optimum in which k further columns (N, k) of derivatives join those of the
-    parent's parameters, of which `replaced` are left out, and the changes (k,) of the further parameters. The parent's
-    priors are kept.
+class CondensedProblem(NamedTuple):
+    """A linear problem and K further columns (M, K) in M rows, no more for each group than it has columns."""
+
+    linear: Linearised
+    columns: Array
+    groups: Array  # (M,)
+
+
+def condensed(linear: Linearised, columns: Array, groups: Array) -> CondensedProblem:
+    """Return the problem and K further columns of derivatives (N, K) with the rows of each group rotated into few.
+
+    A rotation (QR decomposition) changes no sum over the rows of a group of products of two columns, and these are all
+    that a screen needs.
     """
-    gone = [k for k, name in enumerate(parent.free) if name in replaced]
-    linear = parent.linear.without(gone)
+    whole = np.hstack([linear.jacobian, columns, linear.residual[:, None]])
+    parts = [np.linalg.qr(whole[groups == group], mode="r") for group in np.unique(groups)]
+    rows, free = np.concatenate(parts), linear.jacobian.shape[1]
+    few = linear._replace(jacobian=rows[:, :free], residual=rows[:, -1])
+    return CondensedProblem(few, rows[:, free:-1], np.repeat(np.unique(groups), [len(part) for part in parts]))
+
+
+def replaced(parent: FittedModel, term: Term) -> list[int]:
+    """Return the indices of the free parameters of the parent that a term replaces."""
+    return [k for k, name in enumerate(parent.free) if name in term.replaces]
+
+
+def joined(linear: Linearised, gone: Sequence[int], columns: Array) -> tuple[Linearised, Array]:
+    """Return the linear problem at its optimum in which k further columns (N, k) of derivatives join those of the
+    parent's parameters, of which those with the indices `gone` are left out, and the changes (k,) of the further
+    parameters. The parent's priors are kept.
+    """
+    linear = linear.without(gone)
     priors = np.zeros((len(linear.prior_residual), columns.shape[1]))
     linear = linear._replace(jacobian=np.hstack([linear.jacobian, columns]),
                              prior_jacobian=np.hstack([linear.prior_jacobian, priors]))

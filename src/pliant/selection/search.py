@@ -196,7 +196,7 @@ class Search:
 
     def scored(self, fit: FittedModel) -> float:
         """Return the criterion of the residuals as predicted from other parts of the recordings (see `criterion`)."""
-        return criterion(fit.problem, self.predicted(fit))
+        return criterion(fit.problem, self.predicted(fit), self.groups)
 
     def predicted(self, fit: FittedModel) -> Array:
         """Return the residuals (N,) of each part of the recordings as predicted from the other parts."""

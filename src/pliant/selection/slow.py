@@ -201,7 +201,8 @@ def first_parameters(model: Model, train: Sequence[Experiment], common: Sequence
 
 def score(fit: FittedModel) -> float:
     """Return the criterion of a fit: the error of parts of the recordings as predicted from the others."""
-    return criterion(fit.problem, left_out(fit.linear, groups_of(fit), noise_of(fit)))
+    groups = groups_of(fit)
+    return criterion(fit.problem, left_out(fit.linear, groups, noise_of(fit)), groups)
 
 
 def first_mode(model: Model) -> tuple[float, Array]:
