@@ -21,7 +21,8 @@ NOT_DETERMINED = (
 LONGER = 2.0  # % of the body's length: a larger extension is reported
 STATIONS_LINE = "The line through the stations"
 SAME = 0.1  # of the body's extension: a smaller extension of the model counts as none
-OF_ERRORS = ("correlated", "integration step")  # mark notes on standard errors, which only the full verdict lists
+# Marks of notes on standard errors, which only the full verdict lists
+OF_ERRORS = ("correlated", "integration step", "Standard errors come from")
 NEARLY = 75.0  # % of peak displacement: a model that misses by this much somewhere meets no target
 FAR = 10.0  # % of peak displacement: a larger error of any point is a warning
 OVERSHOOT = 5.0  # percentage points: a larger error of the overshoot is a warning
