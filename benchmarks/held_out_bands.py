@@ -63,7 +63,8 @@ def study_of(name: str) -> Study:
         recordings["third"] = first.model_copy(update={"file": first.file.replace("_1.txt", "_3.txt")})
     if name == "spatial_pneumatic_arm":
         folder = Path(os.environ.get("PLIANT_DATA", EXAMPLES))
-        recordings = {n: r.model_copy(update={"every": 32, "file": str(folder / r.file)}) for n, r in recordings.items()}
+        recordings = {n: r.model_copy(update={"every": 32, "file": str(folder / r.file)})
+                      for n, r in recordings.items()}  # fmt: skip
     return study.model_copy(update={"recordings": recordings})
 
 

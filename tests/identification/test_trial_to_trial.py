@@ -79,4 +79,4 @@ def test_the_scatter_of_three_recordings_widens_the_band_of_a_fourth(clean: tupl
     assert wide.holds(fourth) > 0.9
     unscattered = replace(found, covariance=found.covariance._replace(between=None))
     mean_only = prediction_band(exp, unscattered, training=trials, noise=1e-4)
-    assert mean_only.holds(fourth) < wide.holds(fourth) - 0.1
+    assert wide.std.max() > 1.15 * mean_only.std.max()

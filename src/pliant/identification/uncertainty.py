@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -121,7 +122,7 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
     noise, white = (inverse @ middle @ inverse for middle in (dense, flat))
     parts = [(o, part, mine) for (o, part), (_, mine) in zip(problem.parted(r), problem.parted(own), strict=True)]
     scores = np.stack([mine.T @ part for _, part, mine in parts])
-    between = scatter_between(scores, inverse, freedom * noise)
+    between = scatter_between(scores, inverse, freedom * within_recordings(parts, inverse))
     clusters = clusters_of(problem, x, r)
     scatter = clusters.sandwich(own, r, inverse)
     return Covariance(
@@ -129,6 +130,20 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
         effective, between=None if between is None else between * scale / freedom, clusters=clusters.words,
         form=scale * given(error_of_form(parts, inverse), known / problem.size),
     )
+
+
+def within_recordings(parts: Sequence[tuple[Any, Array, Array]], inverse: Array) -> Array:
+    """Return the covariance (P, P) of P parameters from what residuals show within each recording: from the residuals
+    that would be left if each recording had parameters of its own.
+
+    `parts` holds for each recording its observations, residuals (N,) and Jacobian (N, P).
+    """
+    middle = np.zeros_like(inverse)
+    for o, part, mine in parts:
+        own = part - mine @ np.linalg.lstsq(mine, part, rcond=HIDDEN)[0]
+        size = float(own @ own) / max(own.size - len(inverse), 1)
+        middle += correlated_frames(o, own) * size * mine.T @ mine
+    return np.asarray(inverse @ middle @ inverse)
 
 
 def information_criterion(mean_square: float, numbers: float, free: int) -> float:
