@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pliant.identification import Experiment, fit, predict
-from pliant.identification.clusters import Clusters, at_least, clusters_of, coherence, error_of_form, given
+from pliant.identification.clusters import UNSEEN, Clusters, at_least, clusters_of, coherence, error_of_form, given
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import Observations
 from pliant.model import Model, Valve
@@ -67,7 +67,7 @@ def test_residuals_of_noise_are_not_coherent_and_those_of_a_turned_base_are(clea
         assert low <= coherence(observed, observed.residual(rows)) <= high
     single = replace(exp, position=np.full_like(exp.position[:, -1:], np.nan), stations=exp.stations[-1:],
                      angle=np.sin(exp.time)[:, None], angle_reference="base")  # fmt: skip
-    assert coherence(Observations(single, "travel"), np.ones(exp.time.size)) == 1.0
+    assert coherence(Observations(single, "travel"), np.ones(exp.time.size)) == UNSEEN
 
 
 def test_an_error_common_to_all_recordings_does_not_average_out(rng: np.random.Generator, clean: Any) -> None:

@@ -22,6 +22,8 @@ FEWEST_BLOCKS = 4
 TIME_CONSTANTS = 10.0  # length of a block, in the body's slowest time constants
 CORRELATION_TIMES = 3.0  # length of a block at least, in correlation times of the residual
 COLOURED_NOISE = 1.5  # standard deviations of white noise that residuals of coloured noise may have
+UNSEEN = 0.5  # coherence of a single channel or of a few poses: that of other bodies
+FEWEST_FRAMES = 5  # that show a correlation between channels
 # Independent values that an error of the model's form counts as, however many frames show it; set with
 # benchmarks/strangers.py
 INDEPENDENT = 3.0
@@ -142,15 +144,15 @@ def coherent_energy(observed: Observations, residual: Array) -> float:
 
 def coherence(observed: Observations, residual: Array) -> float:
     """Return the mean squared correlation between the channels of a residual (N,), weighted by their energies, above
-    that of independent white channels; 1 for a single channel.
+    that of independent white channels; `UNSEEN` where a single channel or a few frames do not show it.
     """
     table = np.zeros(observed.seen.shape)
     table[observed.seen] = residual
     table = table.reshape(table.shape[0], -1)
     table = table[:, table.any(axis=0)]
     frames, channels = table.shape
-    if channels < 2:
-        return 1.0
+    if channels < 2 or frames < FEWEST_FRAMES:
+        return UNSEEN
     shared = (table.T @ table) ** 2
     apart = ~np.eye(channels, dtype=bool)
     power = np.sqrt(np.diag(shared))
