@@ -65,7 +65,7 @@ def test_shifts_of_every_parameter_of_the_mounting_lie_within_two_standard_error
     rows = [off(seed) for seed in range(100)]
     z = np.array([v for row in rows for v in row.values()])
     assert len({len(row) for row in rows}) == 1
-    assert 0.93 <= np.mean(np.abs(z) <= 2.0) <= 0.98  # 0.973: released priors of the body are wide
+    assert 0.93 <= np.mean(np.abs(z) <= 2.0) <= 0.98  # measured: 0.973
 
 
 def test_a_day_of_known_shifts_is_found():
