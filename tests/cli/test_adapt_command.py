@@ -157,9 +157,18 @@ def without_pressure(path: Path) -> Path:
     return path
 
 
+def idle(path: Path) -> Path:
+    """The recording of an arm whose pressure log shows another input, which never rises."""
+    day(path, body())
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    path.write_text("\n".join(",".join([r[0], r[1] if k == 0 else "0.0", *r[2:]]) for k, r in enumerate(rows)) + "\n")
+    return path
+
+
 @pytest.mark.parametrize(("recording", "options", "said"), [
     (still, (), "no station moves"),
     (without_pressure, (), "pressure"),
+    (idle, (), "stays at 0 throughout"),
     (lambda path: path, (), "there is no recording"),
     (lambda path: day(path, body()), ("--like", "nothing"), "--like names recording 'nothing'"),
     (lambda path: day(path, body()), ("--fit", "nothing"), "has no fit 'nothing'"),
@@ -195,3 +204,17 @@ def test_several_results_need_one_kind(arm, tmp_path):
     assert done.returncode == 2
     assert "--of-a-kind" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+def test_the_command_weighs_as_the_study_of_the_results(tmp_path):
+    recording = day(tmp_path / "may.csv", body(), tilt=TILT)
+    content = changed("fits", "linear", weighting="noise")
+    content["recordings"]["may"] = {"file": "may.csv"}
+    content["adapt"] = [{"recordings": ["may"], "seconds": 1.6}]
+    done = invoke("run", write_study(tmp_path, content), "-o", tmp_path / "out", "--json", "--quiet")
+    assert done.exit_code == 0, done.output
+    by_study = json.loads(done.stdout)["fits"]["adapted"]["parameters"]
+    by_command = adapted(tmp_path / "out", recording, tmp_path / "new", "--fit", "linear")["fits"]["adapted"]
+    for name, p in by_study.items():
+        assert by_command["parameters"][name]["value"] == pytest.approx(p["value"], rel=1e-6, abs=1e-9), name

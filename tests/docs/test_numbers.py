@@ -36,7 +36,6 @@ CHOSEN = {  # page -> section -> why its numbers need no source
     "studies.md": {
         "the-study-itself": "defaults", "adapt": "defaults", "alignment": "a bound that is set",
         "reduction": "defaults", "fitsname": "defaults",
-        "forecastsname": "the level of the intervals",
     },
     "time_step.md": {"time-step-and-accuracy": "a bound that is set", "where-a-time-step-is-fixed": "defaults"},
     "your_own_camera.md": {"filming": "1.5 m/s times 1 ms"},

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pliant.identification import Parameter, uncertainty
+from pliant.identification.clusters import Clusters
 from pliant.identification.identifiability import combinations
 from pliant.identification.problem import scattered
 from pliant.identification.uncertainty import HIDDEN, Covariance, covariance
@@ -42,6 +43,8 @@ def test_a_direction_is_hidden_by_its_share_of_the_largest_singular_value(
     np.testing.assert_allclose(np.linalg.svd(J, compute_uv=False), [np.sqrt(2.0) * np.cos(a), least], rtol=1e-9)
     assert 1.2e-6 < HIDDEN * np.sqrt(2.0) < 1.6e-6
     monkeypatch.setattr(uncertainty, "correlated_frames", lambda _o, _r: 1.0)
+    monkeypatch.setattr(uncertainty, "clusters_of", lambda *_: Clusters((), ""))  # of noise alone
+    monkeypatch.setattr(uncertainty, "error_of_form", lambda _parts, inverse: 0.0 * inverse)
     residual = np.random.default_rng(0).standard_normal(50)
     observed: Any = SimpleNamespace(exp=SimpleNamespace(time=np.arange(50.0)))
     problem: Any = SimpleNamespace(

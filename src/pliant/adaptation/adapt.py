@@ -112,6 +112,9 @@ def check_day(old: FitResult, day: DayParts) -> None:
         if exp.drives and (idle := at_rest(model, exp)):
             raise InputError(f"recording {exp.name} lacks an input of the fitted model: {idle} Name the recorded "
                              "input in drive")  # fmt: skip
+        if exp.excitation == "trace" and exp.pressure is not None and not np.ptp(exp.pressure.pressure):
+            raise InputError(f"the input of recording {exp.name} stays at {exp.pressure.pressure[0]:g} throughout, "
+                             "although the arm moves: name the column of the input that moved it")  # fmt: skip
     least = LEAST_MOTION * model.length
     moving = [e for e in day.fitted if e.without_positions or e.travel >= least]
     if not moving:

@@ -83,7 +83,7 @@ def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
     period = 1.0 / float(modes(model)[0][0])
     highest = max((e.peak for e in training), default=0.0)
     found = {0.0}
-    for e in training:
+    for e in training if highest > 0 else ():
         if e.pressure is None:
             found |= {e.level} if e.excitation in ("pulse", "step") else set()
             continue

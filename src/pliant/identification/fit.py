@@ -330,7 +330,7 @@ def finished(
     """
     values = problem.values(best.x)
     found = covariance(problem, best.x, robust=loss != "linear")
-    named = dict(zip(found.names, found.std, strict=True))
+    named = dict(zip(found.names, found.doubt, strict=True))
     parameters = tuple(
         p.with_(value=values[p.name], std=named.get(p.name)) for p in problem.parameters
     )
@@ -341,6 +341,7 @@ def finished(
         for e in problem.experiments
     }
     notes = cautions(model, parameters, problem.experiments, section_area) + combinations(problem, best.x, found)
+    notes += [found.note] if found.note else []
     if found.correlated:
         notes.append(f"Residuals are correlated over {found.correlated:.2g} s, which the standard errors count in.")
     notes += [note for e in problem.experiments if (note := at_rest(problem.model, e))]

@@ -262,7 +262,7 @@ def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
     The covariance of the fit includes model error, which `identifiability` before a fit does not.
     """
     sizes = problem_sizes(problem, x)
-    C = found.matrix / np.outer(sizes, sizes)
+    C = found.total / np.outer(sizes, sizes)
     judged = ~found.hidden & is_factor(problem)
     rel = np.where(judged, np.sqrt(np.maximum(np.diag(C), 0.0)), 0.0)
     prior = np.array([p.prior_std or np.inf for p in problem.free]) / sizes

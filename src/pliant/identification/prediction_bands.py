@@ -22,6 +22,8 @@ from pliant.shapes import Float
 
 Array = np.ndarray
 LEAST_SQUARE = 0.1  # of the mean squared residual: least expected square at any time
+REACH = (1.5, 3.0)  # standard deviations, least and most, for 95 % of the residuals
+TRIAL_GAIN = 0.02  # standard deviation of a gain from trial to trial, which one recording does not show
 LEAST_VARIANCE = 1e-6  # of the largest variance of scaled parameters: smaller ones are neglected
 
 
@@ -54,9 +56,8 @@ class Band(Shown):
 
     def widened(self, spread: Float[Array, "T S k"]) -> Band:
         """Return the band with an additional standard deviation `spread` [m; rad], independent of the others."""
-        std = np.sqrt(self.std**2 + spread**2)
-        half = NormalDist().inv_cdf(0.5 + 0.5 * self.level) * std
-        return replace(self, std=std, lower=self.position - half, upper=self.position + half)
+        half = np.hypot(0.5 * (self.upper - self.lower), NormalDist().inv_cdf(0.5 + 0.5 * self.level) * spread)
+        return replace(self, std=np.hypot(self.std, spread), lower=self.position - half, upper=self.position + half)
 
     def card(self) -> Card:
         """Return a display card: the level of the prediction interval, and its median and largest half-width."""
@@ -70,6 +71,7 @@ class Band(Shown):
 def prediction_band(
     experiment: Experiment, fitted: FitResult, *, time_step: float | None = None, level: float = 0.95,
     noise: float | Float[Array, "T S k"] = 0.0, own: FitResult | None = None, training: Sequence[Experiment] = (),
+    reach: float | None = None,
 ) -> Band:
     """Predict the motion of an experiment, with a prediction interval from the covariance of the fit.
 
@@ -92,6 +94,11 @@ def prediction_band(
         The fit of the experiment's own parameters from `predict_held_out`, if it exists already.
     training : sequence of Experiment, optional
         The training recordings. If given, the band grows where pressure or speed leave their range; see `discrepancy`.
+        The scatter of the parameters from trial to trial counts where it exceeds the noise, which contains that of the
+        training recordings: as estimated from three or more recordings; 2 % of the motion for one.
+    reach : float, optional
+        Standard deviations of the noise within which its fraction `level` lies, from `residual_reach`; default: those
+        of a normal distribution.
 
     Returns
     -------
@@ -123,15 +130,44 @@ def prediction_band(
         taken = np.linalg.lstsq(mine[:, seen].T, theirs[:, seen].T, rcond=HIDDEN)[0]
         theirs = theirs - np.tensordot(taken.T, mine, axes=1)
     unit = np.array([sizes[n] for n in names[: len(shared)]])
-    relative = fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(unit, unit)
-    variance = np.einsum("itsc,ij,jtsc->tsc", theirs, relative, theirs)
-    variance = np.maximum(variance, 0.0) + noise**2
+
+    def spread(matrix: Array) -> Array:
+        relative = matrix[np.ix_(shared, shared)] / np.outer(unit, unit)
+        return np.maximum(np.einsum("itsc,ij,jtsc->tsc", theirs, relative, theirs), 0.0)
+
+    normal = NormalDist().inv_cdf(0.5 + 0.5 * level)
+    variance, near = spread(fitted.covariance.matrix), ((reach or normal) / normal * noise) ** 2
     if training:
         pressure = predict(own.model, experiment, own.values, time_step)["pressure"]
         variance += discrepancy(own.model, experiment, own.values, rows, pressure, training) ** 2
-    std = np.sqrt(variance)
-    half = NormalDist().inv_cdf(0.5 + 0.5 * level) * std
-    return Band(rows, std, rows - half, rows + half, level, *experiment.shown_in)
+        between = fitted.covariance.between
+        near = np.maximum(near, trial_to_trial(rows, len(training)) if between is None else spread(between))
+    half = normal * np.sqrt(variance + near)
+    return Band(rows, half / normal, rows - half, rows + half, level, *experiment.shown_in)
+
+
+def trial_to_trial(rows: Array, recordings: int) -> Array:
+    """Return the stated variance (T, S, k) of a motion (T, S, k) from trial to trial: that of a common gain. It is 0
+    where several training `recordings` show their scatter in the residuals.
+    """
+    return np.asarray((TRIAL_GAIN * (rows - rows[:1])) ** 2 * (recordings == 1))
+
+
+def residual_reach(
+    train: Sequence[Experiment], fitted: FitResult, *, time_step: float | None = None, weighting: str = "travel",
+    level: float = 0.95,
+) -> float:
+    """Return the number of standard deviations of `residual_noise` within which the fraction `level` of the training
+    residuals lies.
+
+    Errors of a model that lacks something are bounded, and reach less far than normal ones of the same size.
+    `time_step` is in s; default: that of the fit.
+    """
+    motions, sizes = training_motions(train, fitted, time_step), []
+    for exp, rows in zip(train, motions, strict=True):
+        off = np.abs(exp.compared - rows) / noise_like(train, motions, exp, rows, share=weighting == "travel")
+        sizes.append(off[np.isfinite(off)])
+    return float(np.clip(np.quantile(np.concatenate(sizes), level), *REACH))
 
 
 def residual_noise(
@@ -149,10 +185,25 @@ def residual_noise(
     scaled back by that of the prediction `modelled` (T, S, ...). A station without training data gets the mean of all
     stations. `time_step` is in s; default: that of the fit.
     """
-    time_step = time_step or fitted.time_step
-    shares, left = weighting == "travel", dict[str, list[tuple[Array, Array]]]()
-    for exp in train:
-        rows, unit = predict(fitted.model, exp, fitted.values, time_step)["compared"], exp.travel if shares else 1.0
+    motions = training_motions(train, fitted, time_step)
+    return noise_like(train, motions, experiment, modelled, share=weighting == "travel")
+
+
+def training_motions(train: Sequence[Experiment], fitted: FitResult, time_step: float | None) -> list[Array]:
+    """Return the modelled values (T, S, k) of each training recording."""
+    step = time_step or fitted.time_step
+    return [predict(fitted.model, exp, fitted.values, step)["compared"] for exp in train]
+
+
+def noise_like(
+    train: Sequence[Experiment], motions: Sequence[Array], experiment: Experiment, modelled: Array, *, share: bool,
+) -> Array:
+    """Return the standard deviation (T, S, k) of residuals as in `residual_noise`, from the modelled `motions` of the
+    training recordings. With `share`, residuals are taken relative to the peak displacements.
+    """
+    left = dict[str, list[tuple[Array, Array]]]()
+    for exp, rows in zip(train, motions, strict=True):
+        unit = exp.travel if share else 1.0
         square = ((rows - exp.compared) / unit) ** 2
         traits = motion_traits(exp.time, rows, unit, settled=exp.poses)
         for k, name in enumerate(exp.stations):
@@ -160,7 +211,7 @@ def residual_noise(
                 left.setdefault(name, []).append((traits, square[:, k]))
     path = modelled[:, -1]
     way = farthest(path, poses=True) if experiment.poses else float(np.linalg.norm(path - path[0], axis=1).max())
-    unit = max(way, 1e-12) if shares else 1.0
+    unit = max(way, 1e-12) if share else 1.0
     own = motion_traits(experiment.time, modelled, unit, settled=experiment.poses)
     variances = {name: variance_by(own, *map(np.concatenate, zip(*parts, strict=True))) for name, parts in left.items()}
     usual: Array = np.mean(list(variances.values()), axis=0)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.identification.clusters import at_least, clusters_of, error_of_form, given
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import autocorrelations, correlated_frames
 from pliant.identification.scatter import scatter_between
@@ -26,12 +28,46 @@ class Covariance(NamedTuple):
     effective: float  # effective number of independent observed values
     source: str = "sandwich"  # or block bootstrap
     between: Array | None = None  # (P, P) SI, scatter between recordings beyond noise; None for fewer than three
+    clusters: str = ""  # between what the scatter counts in `matrix`: recordings, or blocks of one; '' for noise alone
+    form: Array | None = None  # (P, P) SI, errors of the model's form, which recordings have in common
 
     @property
     def std(self) -> list[float | None]:
-        """Return the standard errors (SI) of the fitted parameters; None for one that the data do not determine."""
-        std = np.sqrt(np.maximum(np.diag(self.matrix), 0.0))
+        """Return the standard errors (SI) that another fit of the same model would show, from noise and from the
+        scatter between recordings; None for a parameter that the data do not determine.
+        """
+        return self.visible(self.matrix)
+
+    @property
+    def doubt(self) -> list[float | None]:
+        """Return the standard errors (SI) of the fitted parameters as values of the real body, errors of the model's
+        form included; None for one that the data do not determine.
+        """
+        return self.visible(self.total)
+
+    @property
+    def total(self) -> Array:
+        """Return the covariance (P, P) of the parameters as values of the real body, SI."""
+        return self.matrix if self.form is None else self.matrix + self.form
+
+    def visible(self, matrix: Array) -> list[float | None]:
+        """Return the square roots of the diagonal of a matrix (P, P), None for parameters that are hidden."""
+        std = np.sqrt(np.maximum(np.diag(matrix), 0.0))
         return [None if h else float(v) for h, v in zip(self.hidden, std, strict=True)]
+
+    @property
+    def note(self) -> str:
+        """Return a sentence on where the standard errors come from, and what part of them is error of the model."""
+        if all(self.hidden):
+            return ""
+        scatter = f"the scatter between {self.clusters}, at least noise" if self.clusters else "noise alone"
+        if self.form is None:
+            return f"Standard errors come from {scatter}."
+        shown = ~np.asarray(self.hidden, dtype=bool)
+        form, rest = np.diag(self.form)[shown], np.diag(self.matrix)[shown]
+        part = 100 * float(np.median(form / np.maximum(form + rest, 1e-300)))
+        return (f"Standard errors come from {scatter}, and from errors of the model's form: {part:.0f} % of the "
+                "variance of a typical parameter.")  # fmt: skip
 
     @property
     def correlation(self) -> Array:
@@ -49,6 +85,9 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
     apart as the residuals are correlated. R_ts is the residuals' autocovariance, or r_t r_s' itself with falling
     (Bartlett) weights, whichever gives the larger uncertainty. The first is steadier in short recordings, the second
     suits residuals that are large during motion.
+
+    The covariance is never below that of the scatter between recordings, or between blocks of the only one. Errors of
+    the model's form are a matrix of their own: predictions by the same model share them, the real body does not.
 
     Source: Newey and West, Econometrica 55 (1987), 703, the sandwich estimator.
     """
@@ -80,12 +119,31 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
             dense += lacking * size**2 * mine.T @ mine
     scale = np.outer(problem.scale / norm, problem.scale / norm) * freedom
     names = tuple(p.name for p in problem.free)
-    matrices = [scale * (inverse @ middle @ inverse) for middle in (dense, flat)]
-    pairs = zip(problem.parted(own), problem.parted(r), strict=True)
-    scores = np.stack([mine.T @ part for (_, mine), (_, part) in pairs])
-    between = scatter_between(scores, inverse, freedom * inverse @ dense @ inverse)
-    return Covariance(names, matrices[0], matrices[1], hidden, max(widths), effective, between=(
-        None if between is None else between * scale / freedom))
+    noise, white = (inverse @ middle @ inverse for middle in (dense, flat))
+    parts = [(o, part, mine) for (o, part), (_, mine) in zip(problem.parted(r), problem.parted(own), strict=True)]
+    scores = np.stack([mine.T @ part for _, part, mine in parts])
+    between = scatter_between(scores, inverse, freedom * within_recordings(parts, inverse))
+    clusters = clusters_of(problem, x, r)
+    scatter = clusters.sandwich(own, r, inverse)
+    return Covariance(
+        names, scale * (noise if scatter is None else at_least(noise, scatter)), scale * white, hidden, max(widths),
+        effective, between=None if between is None else between * scale / freedom, clusters=clusters.words,
+        form=scale * given(error_of_form(parts, inverse), known / problem.size),
+    )
+
+
+def within_recordings(parts: Sequence[tuple[Any, Array, Array]], inverse: Array) -> Array:
+    """Return the covariance (P, P) of P parameters from what residuals show within each recording: from the residuals
+    that would be left if each recording had parameters of its own.
+
+    `parts` holds for each recording its observations, residuals (N,) and Jacobian (N, P).
+    """
+    middle = np.zeros_like(inverse)
+    for o, part, mine in parts:
+        own = part - mine @ np.linalg.lstsq(mine, part, rcond=HIDDEN)[0]
+        size = float(own @ own) / max(own.size - len(inverse), 1)
+        middle += correlated_frames(o, own) * size * mine.T @ mine
+    return np.asarray(inverse @ middle @ inverse)
 
 
 def information_criterion(mean_square: float, numbers: float, free: int) -> float:

@@ -10,7 +10,7 @@ from pathlib import Path
 from pliant.adaptation import Adaptation, posterior_of
 from pliant.errors import InputError
 from pliant.files import output_folder
-from pliant.study.another_day import Robot, adapted_fits, signs_of
+from pliant.study.another_day import Robot, adapted_fits, learning_of, signs_of
 from pliant.study.run import PreparedStudy, prepare_all, write_outcome
 from pliant.study.schema import SPREAD, AdaptEntry, Recording, Study, day_names, load_study
 from pliant.study.verdict import headline, verdict
@@ -70,11 +70,12 @@ def adapt(
     new = new_recordings(study, files, like or first_training(study, loaded[0][0]))
     entry = AdaptEntry(recordings=list(new), fit=loaded[0][0] if loaded[0][0] not in day_names(study) else "",
                        seconds=seconds, of_a_kind=spread is not None, spread=spread or SPREAD)  # fmt: skip
-    ready = prepare_all(reading(study, new), notify)
+    ready = prepare_all(study_of_day(study, new), notify)
     if lost := [line for name, line in ready.dropped.items() if name in new]:
         raise InputError(f"{lost[0]}; use a recording in which the arm moves")
     name = "adapted"
-    fits, adaptation = adapted_fits(name, entry, robots, ready.experiments, notify)
+    learning = learning_of(study, loaded[0][0])
+    fits, adaptation = adapted_fits(name, entry, robots, ready.experiments, notify, learning)
     with output_folder(folder) as target:
         whole = study.model_copy(update={"recordings": {**study.recordings, **new}, "adapt": [*study.adapt, entry]})
         outcome = outcome_of_day(whole, ready, fits, {name: adaptation}, sources)
@@ -97,15 +98,13 @@ def known_names(folder: Path) -> set[str]:
 
 def first_training(study: Study, fit: str) -> str:
     """Return the name of the first training recording of a fit of the study."""
-    if fit in study.fits:
-        return study.fits[fit].train[0]
-    if study.model_selection is not None:
-        return study.model_selection.train[0]
-    return next(iter(study.fits.values())).train[0]
+    return learning_of(study, fit).train[0]
 
 
 def new_recordings(study: Study, files: Sequence[Path], like: str) -> dict[str, Recording]:
-    """Return entries of new recordings, which take all but the file from the recording `like` of the study."""
+    """Return entries of new recordings, which take all but file, part and start from the recording `like` of the
+    study. Each start follows from the recording's own first frames.
+    """
     if like not in study.recordings:
         raise InputError(f"--like names recording {like!r}, which is not one of {', '.join(study.recordings)}")
     shared = study.recordings[like]
@@ -119,11 +118,12 @@ def new_recordings(study: Study, files: Sequence[Path], like: str) -> dict[str, 
         name = file.stem.replace(".", "_")
         taken = {*study.recordings, *new}
         name = next(n for n in (name, *(f"{name}_{k}" for k in range(2, len(taken) + 3))) if n not in taken)
-        new[name] = shared.model_copy(update={"file": str(file.resolve()), "window": None, "part": None})
+        differs = {"file": str(file.resolve()), "window": None, "part": None, "start": None}
+        new[name] = shared.model_copy(update=differs)
     return new
 
 
-def reading(study: Study, new: Mapping[str, Recording]) -> Study:
+def study_of_day(study: Study, new: Mapping[str, Recording]) -> Study:
     """Return the study that reads the new recordings, and the one that fixes the axes or the links of all."""
     first = (study.reduction and study.reduction.recording) or next(iter(study.recordings))
     return study.model_copy(update={

@@ -30,23 +30,34 @@ class Robot:
 
 def adapted_fits(
     name: str, entry: AdaptEntry, robots: Sequence[Robot], experiments: Mapping[str, Experiment], notify: Notify,
-    options: Fit | SelectionEntry | None = None,
+    learning: Fit | SelectionEntry,
 ) -> tuple[tuple[FitOutcome, FitOutcome], Adaptation]:
     """Adapt a model to another day; return the adapted fit, the earlier one on that day, and the adaptation."""
     began, old = clock.perf_counter(), robots[0]
     posterior = of_a_kind([r.posterior for r in robots], entry.spread) if entry.of_a_kind else old.posterior
     day = parts_of_day([experiments[r] for r in entry.recordings], entry.seconds)
-    weighting = options.weighting if options else "travel"
     adaptation = adapt_model(
-        old.result, posterior, day, weighting=weighting, loss=options.loss if options else "linear",
-        kind=entry.of_a_kind, progress=notify,
+        old.result, posterior, day, weighting=learning.weighting, loss=learning.loss, kind=entry.of_a_kind,
+        progress=notify,
     )
     notify(f"{name}: {adaptation.sentence}")
     failures = Failures(name, notify)
-    records = records_of(day.fitted, day.judged, adaptation.result, adaptation.result.time_step, weighting, failures)
+    records = records_of(day.fitted, day.judged, adaptation.result, adaptation.result.time_step,
+                         learning.weighting, failures)  # fmt: skip
     title = f"Adapted to {', '.join(entry.recordings)}"
     after = FitOutcome(name, title, adaptation.result, records, clock.perf_counter() - began, tuple(failures))
     return (after, before_of(f"{name}{BEFORE}", old, day, notify)), adaptation
+
+
+def learning_of(study: Study, fit: str) -> Fit | SelectionEntry:
+    """Return the entry of a study from which a fit comes; for an adapted fit that of the fit from which its first day
+    started. Its weighting and loss apply to later days too.
+    """
+    days = dict(zip(day_names(study), study.adapt, strict=True))
+    order = ["", *days]
+    while fit in days:
+        fit = days[fit].fit or order[order.index(fit) - 1]
+    return study.fits.get(fit) or study.model_selection or next(iter(study.fits.values()))
 
 
 def before_of(name: str, old: Robot, day: DayParts, notify: Notify) -> FitOutcome:
@@ -77,8 +88,8 @@ def run_days(
             continue
         try:
             robot = Robot(start.result, posterior_of(start.result, set(study.recordings)), start.title)
-            options = study.fits.get(start.name) or study.model_selection
-            outcomes, adaptations[name] = adapted_fits(name, entry, [robot], experiments, notify, options)
+            learning = learning_of(study, start.name)
+            outcomes, adaptations[name] = adapted_fits(name, entry, [robot], experiments, notify, learning)
         except FAILED as error:
             failed.append(fit_failure(name, error))
             notify(f"warning: {failed[-1].sentence}")

@@ -23,6 +23,7 @@ from pliant.identification import (
     predict_held_out,
     prediction_band,
     residual_noise,
+    residual_reach,
 )
 from pliant.identification.fit import parameters_from
 from pliant.identification.nested import parents
@@ -237,6 +238,7 @@ def band_of(
     """
     exp = record.experiment
     noise = residual_noise(train, result, exp, record.modelled, time_step=time_step, weighting=weighting)
-    band = prediction_band(exp, result, time_step=time_step, noise=noise, own=refit, training=train)
+    reach = residual_reach(train, result, time_step=time_step, weighting=weighting)
+    band = prediction_band(exp, result, time_step=time_step, noise=noise, own=refit, training=train, reach=reach)
     finite(band.std, "the width of the band")
     return band

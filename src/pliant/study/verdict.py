@@ -21,7 +21,8 @@ NOT_DETERMINED = (
 LONGER = 2.0  # % of the body's length: a larger extension is reported
 STATIONS_LINE = "The line through the stations"
 SAME = 0.1  # of the body's extension: a smaller extension of the model counts as none
-OF_ERRORS = ("correlated", "integration step")  # mark notes on standard errors, which only the full verdict lists
+UNSAID = ("correlated", "Standard errors come from")  # mark notes on standard errors, which stand beside these alone
+OF_ERRORS = (*UNSAID, "integration step")  # mark notes on standard errors, which the summary does not list
 NEARLY = 75.0  # % of peak displacement: a model that misses by this much somewhere meets no target
 FAR = 10.0  # % of peak displacement: a larger error of any point is a warning
 OVERSHOOT = 5.0  # percentage points: a larger error of the overshoot is a warning
@@ -51,7 +52,8 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
             lines.append(f"{fit.title}: training error at most {worst:.1f} % of the peak displacement (RMS).")
         if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
             lines.append(f"{fit.title}: {fit.result.status}")
-        lines += [f"{fit.title}: {note}" for note in fit.result.notes if "correlated" not in note]
+        lines += [f"{fit.title}: {note}" for note in fit.result.notes
+                  if not any(mark in note for mark in UNSAID)]
     lines += dict.fromkeys(note for fit in outcome.fits if fit.baseline for note in fit.baseline.notes)
     lines += [n.sentence for n in outcome.failed]
     for forecast in outcome.forecasts:

@@ -122,6 +122,9 @@ class CovarianceEntry(MetricsEntry):
     source: str = Field(description="method: sandwich, or block bootstrap")
     between: list[list[float]] | None = Field(
         None, description="(P, P), scatter between recordings beyond noise; null for fewer than three")
+    clusters: str = Field("", description="between what the scatter counts in the matrix; empty for noise alone")
+    form: list[list[float]] | None = Field(
+        None, description="(P, P), errors of the model's form, which add to the matrix in the standard errors")
 
 
 class FitTiming(MetricsEntry):

@@ -359,7 +359,7 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
         for name, p in entry["parameters"].items()
     )
     stored = entry["covariance"]
-    arrays = ("matrix", "white", "hidden", "between")
+    arrays = ("matrix", "white", "hidden", "between", "form")
     covariance = None if stored is None else Covariance(**{
         **stored, "names": tuple(stored["names"]),
         **{k: np.array(stored[k]) for k in arrays if stored.get(k) is not None}})

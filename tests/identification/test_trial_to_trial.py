@@ -1,0 +1,82 @@
+"""Bands of new recordings: the reach of the training residuals, and the scatter of parameters from trial to trial."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.identification import Experiment, FitResult, fit, predict, prediction_band, residual_reach
+from pliant.identification.prediction_bands import TRIAL_GAIN
+from pliant.model import Model, Valve
+
+STEP = 2e-3
+
+
+@pytest.fixture
+def clean(truth: Model, traced: Any) -> tuple[Model, Experiment]:
+    """A recording without any error, by the very step of the fit."""
+    model = truth.with_(valve=Valve())
+    exp = traced(model)
+    return model, replace(exp, position=predict(model, exp, {}, STEP)["position"])
+
+
+def fitted(model: Model, *experiments: Experiment) -> FitResult:
+    return fit(list(experiments), model, ["stiffness", "damping", "gain"], time_step=STEP, starts=1)
+
+
+def shaken(exp: Experiment, errors: np.ndarray, name: str = "t") -> Experiment:
+    return replace(exp, name=name, position=exp.position + 1e-4 * errors)
+
+
+@pytest.mark.parametrize(("kind", "expected"), [("normal", 1.96), ("uniform", 0.95 * 3**0.5)])
+def test_the_reach_of_residuals_is_their_quantile(clean: tuple[Model, Experiment], kind: str, expected: float) -> None:
+    model, exp = clean
+    rng = np.random.default_rng(1)
+    errors = {"normal": rng.standard_normal, "uniform": lambda n: rng.uniform(-1, 1, n)}[kind](exp.position.shape)
+    seen = shaken(exp, errors)
+    found = fitted(model, seen)
+    assert residual_reach([seen], found) == pytest.approx(expected, rel=0.07)
+
+
+def test_the_reach_scales_the_noise_alone(clean: tuple[Model, Experiment]) -> None:
+    model, exp = clean
+    seen = shaken(exp, np.random.default_rng(2).standard_normal(exp.position.shape))
+    found = fitted(model, seen)
+    wide, narrow = (prediction_band(exp, found, noise=1e-3, reach=r) for r in (None, 1.5))
+    np.testing.assert_allclose(0.5 * (wide.upper - wide.lower), 1.959964 * wide.std)
+    parameters = 1.959964 * prediction_band(exp, found).std
+    np.testing.assert_allclose(0.5 * (narrow.upper - narrow.lower), np.hypot(parameters, 1.5e-3))
+    spread = np.full_like(wide.std, 2e-3)
+    np.testing.assert_allclose(narrow.widened(spread).upper - narrow.position,
+                               np.hypot(narrow.upper - narrow.position, 1.959964 * spread))  # fmt: skip
+
+
+def test_one_recording_leaves_the_scatter_of_trials_to_a_stated_gain(clean: tuple[Model, Experiment]) -> None:
+    model, exp = clean
+    rng = np.random.default_rng(3)
+    one, two = (shaken(exp, rng.standard_normal(exp.position.shape), n) for n in ("one", "two"))
+    found = fitted(model, one, two)
+    alone = prediction_band(exp, found, training=[one]).std
+    both = prediction_band(exp, found, training=[one, two]).std
+    assert (alone >= TRIAL_GAIN * np.abs(exp.position - exp.position[:1])).all()
+    assert both.max() < 0.2 * alone.max()
+
+
+def test_the_scatter_of_three_recordings_widens_the_band_of_a_fourth(clean: tuple[Model, Experiment]) -> None:
+    model, exp = clean
+    rng = np.random.default_rng(4)
+    trials = []
+    for k, gain in enumerate((0.95, 1.0, 1.05)):
+        moved = replace(exp, position=predict(model.with_(torque=gain * model.torque), exp, {}, STEP)["position"])
+        trials.append(shaken(moved, rng.standard_normal(exp.position.shape), f"t{k}"))
+    found = fitted(model, *trials)
+    assert found.covariance is not None
+    wide = prediction_band(exp, found, training=trials, noise=1e-4)
+    fourth = predict(model.with_(torque=1.04 * model.torque), exp, {}, STEP)["position"]
+    assert wide.holds(fourth) > 0.9
+    unscattered = replace(found, covariance=found.covariance._replace(between=None))
+    mean_only = prediction_band(exp, unscattered, training=trials, noise=1e-4)
+    assert wide.std.max() > 1.15 * mean_only.std.max()
