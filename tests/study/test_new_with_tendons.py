@@ -49,10 +49,11 @@ def test_azimuths_and_ends_of_tendons():
 def test_a_study_of_tendons_is_drafted_and_builds_a_model(tmp_path):
     write(arm("angle", both=True), tmp_path / "run.nc")
     draft = draft_study([tmp_path / "run.nc"], tmp_path / "s.toml", mass=0.1)
-    assert len(draft.questions) == 2  # each once, though three tendons ask them
+    assert len(draft.questions) == 3  # gravity, and lever and pulley once, though three tendons ask them
     assert draft.text.count("[[actuator.tendons]]") == 3
     assert "pair = true  # its motor turns both ways" in draft.text
     text = draft.text.replace('lever = "?"', "lever = 8e-3").replace('pulley = "?"', "pulley = 0.01")
+    text = text.replace('gravity = "?"', "gravity = [0.0, 0.0, -9.81]")
     (tmp_path / "s.toml").write_text(text)
     study = load_study(tmp_path / "s.toml")
     assert [t.joints for t in study.actuator.tendons] == [[1, 2], None, [1, 2, 3]]  # joints at 30, 90, 150, ... mm

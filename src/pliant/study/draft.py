@@ -119,8 +119,8 @@ def draft_study(
     out.put("name", title)
     out.put("title", title.replace("_", " "))
     camera(out, trials)
-    mapping_table(out, trials)
-    actuator(out, first, length, mass, diameter)
+    mapping_table(out, inspected)
+    actuator(out, inspected, length, mass, diameter)
     space_entry(out, inspected)
     weight(out, inspected, gravity)
     if first.capped:

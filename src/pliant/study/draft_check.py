@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 import time as clock
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -19,15 +19,17 @@ from pliant.identification import Experiment
 from pliant.identification.fit import check_identifiable, first_problem, parameters_from, starts_of
 from pliant.selection.first_model import beginning
 from pliant.selection.search import MINUTES
+from pliant.study.draft_tables import down
 from pliant.study.inspected import Inspected
 from pliant.study.prepare import without
 from pliant.study.run import prepare_all
 from pliant.study.schema import Study, load_study
 from pliant.study.shorthand import OPEN
-from pliant.study.trial import Trial, body_length
+from pliant.study.trial import Trial, body_length, farthest
 
 LENGTH, DENSITY, SLENDER, LEVER = 0.2, 1100.0, 10.0, 0.01  # m; kg/m^3; length over diameter; m
-LEVEL_KPA = 30.0
+LEVEL_KPA, PAYLOAD = 30.0, 0.02  # kPa, kg
+REACH = 1.05  # length of an assumed body over the largest distance that its last station has from the base
 SEARCH = 800.0  # derivatives of the first model take as long as a search of terms; 600 to 1200 on bundled recordings
 POSES, SECONDS, FRAMES = 40, 15.0, 50  # settled poses of a file, and seconds of a motion, that a check uses
 QUICK_S = 5.0  # a first step that is shorter is repeated, so that the compilation of its kernels is not in the forecast
@@ -55,10 +57,11 @@ def check_draft(text: str, folder: Path, inspected: Inspected) -> DraftCheck:
     """Prepare the study with the content `text`, whose files are relative to `folder`, and take one step of its first
     fit. Open questions are answered by assumed values.
     """
-    content = tomllib.loads(text)
-    content, assumed = answered(content, inspected)
     if inspected.first.asks_inputs:
-        return DraftCheck("name the columns of the inputs in [mapping]", None, assumed)
+        return DraftCheck("its table does not show which columns are the inputs", None, ())
+    if inspected.without_cause:
+        return DraftCheck("nothing in its recordings shows what moves the body", None, ())
+    content, assumed = answered(tomllib.loads(text), inspected)
     content["folder"] = str(folder.resolve())
     began = clock.perf_counter()
     try:
@@ -124,7 +127,7 @@ def answered(content: Mapping[str, Any], inspected: Inspected) -> tuple[dict[str
     """
     filled: dict[str, Any] = json.loads(json.dumps(content))
     assumed: list[str] = []
-    fill(filled, "", assumed_values(filled, inspected.first), assumed)
+    fill(filled, "", assumed_values(filled, inspected), assumed)
     for k, (name, entry) in enumerate(filled["recordings"].items()):
         for one in entry.get("inputs", {}):
             if f"recordings.{name}.inputs.{one}" in assumed:
@@ -132,18 +135,24 @@ def answered(content: Mapping[str, Any], inspected: Inspected) -> tuple[dict[str
     return filled, tuple(dict.fromkeys(assumed))
 
 
-def assumed_values(content: Mapping[str, Any], trial: Trial) -> dict[str, Any]:
-    """Return the values to assume, by the path of the entry or by its last name."""
-    length = content["actuator"].get("length")
-    length = (body_length(trial) or spread(trial)) if length in (None, OPEN) else length
-    tangent = direction(trial)
+def assumed_values(content: Mapping[str, Any], inspected: Inspected) -> dict[str, Any]:
+    """Return the values to assume, by the path of the entry or by its last name. An assumed body reaches every place at
+    which the recordings show its last station.
+    """
+    trial = inspected.first
+    stated = content["actuator"].get("length")
+    tangent, known = direction(inspected.trials), stated not in (None, OPEN)
+    length = stated if known else farthest(inspected.trials) or body_length(trial) or spread(trial)
+    base = origin(trial, tangent, length)
+    if not known and not trial.angles_only:
+        length = REACH * max(length, distance(inspected.trials, base))
     values = {
         "actuator.length": length, "actuator.mass": DENSITY * np.pi / 4 * (length / SLENDER) ** 2 * length,
         "actuator.gravity": [0.0, 0.0, 0.0], "fibre.body_length": length,
-        "alignment.options.tangent": tangent, "alignment.options.origin": origin(trial, tangent, length),
+        "alignment.options.tangent": tangent, "alignment.options.origin": base,
         "camera.rate_hz": 30.0, "camera.pixels_per_mm": 1.0, "mapping.angle_unit": "deg",
         "mapping.pressure_unit": "kPa", "driven_by": "tension", "lever": LEVER, "pulley": 2 * LEVER,
-        "nominal_pressure": LEVEL_KPA,
+        "nominal_pressure": LEVEL_KPA, "tip_mass": PAYLOAD,
     }  # fmt: skip
     guess = trial.guess
     return values | ({f"mapping.{name}": guess.neutral[name] for name in guess.questions} if guess else {})
@@ -172,13 +181,25 @@ def spread(trial: Trial) -> float:
     return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum()) * len(place) / max(len(place) - 1, 1) or LENGTH
 
 
-def direction(trial: Trial) -> list[float]:
-    """Return the axis of the tracker along which the last station moves least, downwards, as the base tangent."""
+def direction(trials: Sequence[Trial]) -> list[float]:
+    """Return as the base tangent the axis of the tracker that is nearest to the direction from the first to the last
+    station or, if a single point was tracked, the one along which it moves least, downwards.
+    """
+    trial = trials[0]
     if trial.angles_only or trial.recording.attrs["frame"] != "tracker":
         return [0.0, 1.0]
-    tip = trial.recording["position"].values[:, -1]
+    if (hang := down(trials)) is not None:
+        return [x / 9.81 for x in hang]
+    tip = np.concatenate([one.recording["position"].values[:, -1] for one in trials])
     k = int(np.argmin(np.nanstd(tip, axis=0)))
     return [float(-1.0 if j == k else 0.0) for j in range(3)]
+
+
+def distance(trials: Sequence[Trial], base: Sequence[float]) -> float:
+    """Return the largest distance [m] of a last station from an assumed base; 0 if its base was tracked."""
+    free = [t.grouped["position"].values[:, -1] for t in trials
+            if not t.options and t.recording.attrs["frame"] == "tracker"]  # fmt: skip
+    return max((float(np.nanmax(np.linalg.norm(p - base, axis=1))) for p in free), default=0.0)
 
 
 def origin(trial: Trial, tangent: list[float], length: float) -> list[float]:

@@ -19,6 +19,7 @@ from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial, body_length
 
 LINKS = 5
+LINE_STIFFNESS = 1000.0  # N/m
 FEWEST_SHOWING = 3  # stations with the base: so few can always be explained by the bend of some part
 MUCH_BETTER = 0.5  # a bend of a part is used if its squared error is below this fraction of an even bend's
 EITHER_WAY = 0.1  # an input that falls below minus this fraction of its maximum has both signs
@@ -120,9 +121,9 @@ def tendons(out: Lines, trial: Trial) -> None:
         if one.kind == "angle":
             out.ask("pulley", "m, radius of the motors' pulleys")
             pair_entry(out, one)
-        if not k and one.kind != "tension":
-            out.say("line_stiffness = 1000  (N/m, tendon with its mounts: the motion shows only its ratio to the "
-                    "body's stiffness)")
+        if one.kind != "tension":
+            out.put("line_stiffness", LINE_STIFFNESS, "N/m, tendon with its mounts, assumed and never fitted: under a "
+                    "displacement the motion shows only ratios of stiffnesses")
 
 
 def azimuth_of(out: Lines, azimuth: int | None) -> None:

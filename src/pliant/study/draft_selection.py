@@ -9,6 +9,7 @@ from pliant.study.inspected import Inspected
 from pliant.study.toml_text import Lines
 
 MINUTES = 5
+WAYS = {"along": "position of this station on its link", "across": "across it", "aside": "perpendicular to both"}
 
 
 def selection(out: Lines, inspected: Inspected) -> None:
@@ -37,7 +38,7 @@ def common_parameters(inspected: Inspected) -> list[tuple[str, Any, str]]:
     the torques of a single pressure in space. Nothing moves between settled poses, so that their damping is held.
 
     The position of the last station is free for marker stations alone, not for dense shapes, planar recordings or free
-    decays.
+    decays; of settled poses that of every station, since they do not show where it is on a straight body.
     """
     first = inspected.first
     released = all(kind.excitation == "release" for kind in inspected.kinds.values())
@@ -51,7 +52,12 @@ def common_parameters(inspected: Inspected) -> list[tuple[str, Any, str]]:
         common += [("sensor_lag", "free", "s, time constant of the angle's sensor")]
     if first.dense or first.angles_only or first.recording.attrs["frame"] == "planar" or released:
         return common
-    tip = (list(first.stations) or [str(s) for s in first.recording["station"].values])[-1]
+    names = list(first.stations) or [str(s) for s in first.recording["station"].values]
+    for name in names[:-1] if inspected.poses else []:
+        if name != first.base or not first.options:
+            common += [(f"{name}.{way}", "free", f"m, {meaning}: no pose shows the body at rest")
+                       for way, meaning in WAYS.items()]  # fmt: skip
+    tip = names[-1]
     common += [(f"{tip}.along", "free", "m, position of the last station on its link"),
                (f"{tip}.across", "free", "m, across it")]
     return common + ([(f"{tip}.aside", "free", "m, perpendicular to both")] if inspected.space else [])

@@ -14,8 +14,8 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.study.column_guess import words_of
 from pliant.study.first_reading import several, with_logs
-from pliant.study.kinds import Kind, PoseOfFile, recognised
-from pliant.study.trial import Trial, from_one_side, in_space, inspect_file, inspect_guessed
+from pliant.study.kinds import Kind, PoseOfFile, UnrecordedPressure, WithoutCause, recognised
+from pliant.study.trial import Trial, from_first_frames, from_one_side, in_space, inspect_file, inspect_guessed
 
 Array = np.ndarray
 BASE_STILL = 0.2  # of the largest displacement between files: the station that moves less is the base
@@ -60,6 +60,12 @@ class Inspected:
     def poses(self) -> bool:
         """Return whether the recordings are settled poses, so that nothing moves between them."""
         return all(kind.poses for kind in self.kinds.values())
+
+    @property
+    def without_cause(self) -> list[Path]:
+        """Return the files if nothing in any of them shows what moves the body, else []."""
+        unexplained = all(isinstance(kind, WithoutCause) for kind in self.kinds.values())
+        return list(dict.fromkeys(trial.path for trial in self.trials)) if unexplained else []
 
     def excited_by(self, excitation: str) -> bool:
         """Return whether some recording has this excitation."""
@@ -118,6 +124,7 @@ def inspect_all(
     kinds = recognised(trials)
     if all(isinstance(kind, PoseOfFile) for kind in kinds.values()):
         trials = in_one_order(trials)
+    trials = [from_first_frames(t) if isinstance(kinds[t.name], UnrecordedPressure) else t for t in trials]
     poses = any(kind.poses for kind in kinds.values())
     shown = poses or any(trial.spatial or trial.tendon_inputs for trial in trials)
     spatial = shown if space is None else space

@@ -28,6 +28,8 @@ FRACTION, FEWEST = 0.02, 500  # of the motion that thinning may lose, and the fr
 SWITCHING = 0.08  # of the duration in which inputs may be switched on
 NEARLY = 0.95  # of the lowest value that an input has later: it is on
 ZERO = 0.03  # of an input's highest value, below which it is off
+GOES_ON = 0.5  # of the largest spread of a quarter of a recording: the body moves in the others too
+FEWEST_MOVING = 40  # frames that show how a motion goes on
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
 
@@ -171,6 +173,25 @@ class MeasuredInputs(Kind):
                     "body begins wherever it was left, so that this time is simulated but not compared")
 
 
+class WithoutCause(Kind):
+    """A motion that goes on to the end of the recording, with nothing recorded that moves the body."""
+
+    measured = False
+
+    def evidence(self, one: TrialOfDraft) -> str:
+        """Return a sentence if no input is known and the motion of the last station neither rests nor decays."""
+        if one.trial.highest_pa is not None or one.level is not None:
+            return ""
+        goes_on = "no input was recorded, and the motion goes on to the end: no pulse and no free decay"
+        return goes_on if never_ends(one.trial.last_motion) else ""
+
+    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+        """Write what is missing."""
+        del one
+        out.say('what moved the body? pressure_file = "..." names its log; for a body on a moved base, base_motion = true '
+                'in [alignment.options]')
+
+
 class FreeDecay(Kind):
     """A free decay after release: no input, and the body does not return to where it began."""
 
@@ -235,7 +256,8 @@ class PressurePulse(UnrecordedPressure):
         return f"no input was recorded, and the body returns: a pulse of pressure{size}"
 
 
-KINDS: tuple[Kind, ...] = (PoseOfFile(), PoseOfRow(), MeasuredInputs(), FreeDecay(), PressureStep(), PressurePulse())
+KINDS: tuple[Kind, ...] = (PoseOfFile(), PoseOfRow(), MeasuredInputs(), WithoutCause(), FreeDecay(), PressureStep(),
+                           PressurePulse())  # fmt: skip
 
 
 def recognised(trials: Sequence[Trial]) -> dict[str, Kind]:
@@ -254,6 +276,18 @@ def pulled_aside(trial: Trial) -> bool:
     base = [str(s) for s in recording["station"].values].index(trial.base) if trial.options else 0
     chord = np.linalg.norm(place[:, -1] - place[:, base], axis=-1)
     return bool(np.nanmedian(chord[:5]) < np.nanmedian(chord[-max(5, len(chord) // 20):]))
+
+
+def never_ends(motion: Array) -> bool:
+    """Return whether the motion (T, axes) of a point goes on in each of the last three quarters of a recording, and is
+    no vibration that decays from a release.
+    """
+    motion = motion[np.isfinite(motion).all(axis=-1)]
+    if len(motion) < FEWEST_MOVING:
+        return False
+    spread = [float(np.sqrt(np.mean((part - part.mean(axis=0)) ** 2))) for part in np.array_split(motion, 4)]
+    decays = spread[1] >= spread[2] >= spread[3]
+    return bool(min(spread[1:]) > GOES_ON * max(spread) and not decays)
 
 
 def returned(trial: Trial) -> bool:

@@ -39,6 +39,7 @@ LINE = 0.15  # markers narrower than this fraction of their length lie along a b
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
 DRIVEN = 0.05  # of the widest pressure range: a pressure with a smaller range drives nothing
 NO_BASE = "no station shows where the base is: state origin and tangent"
+FIRST_FRAMES = 5  # in which a body that is moved at once is still at rest
 RETURNED = 0.3  # of the peak displacement: a body that ends below this has returned
 
 
@@ -300,6 +301,21 @@ def with_alignment(trial: Trial, *, space: bool = False, rest: tuple[float, floa
         return replace(trial, aligned=None, problem=str(error))
 
 
+def from_first_frames(trial: Trial) -> Trial:
+    """Return the trial with its first frames as the rest, if it has rests only after its motion, as where a recording
+    begins with the inflation and ends before the pressure falls.
+    """
+    if trial.aligned is None or "alignment" not in trial.aligned.attrs or "rest" in trial.options:
+        return trial
+    time, motion = trial.recording["time"].values, trial.last_motion
+    away = np.linalg.norm(motion - np.nanmedian(motion[:FIRST_FRAMES], axis=0), axis=-1)
+    begin = alignment_of(trial.aligned).rest_s[0]
+    if not np.nanmedian(away[(time >= begin)][:FIRST_FRAMES]) > RETURNED * np.nanmax(away):
+        return trial
+    rest = [round(float(time[0]), 3), round(float(time[min(FIRST_FRAMES, len(time) - 1)]), 3)]
+    return with_alignment(replace(trial, options={**trial.options, "rest": rest}))
+
+
 def in_space(trial: Trial, *, settled: bool = False) -> Trial:
     """Return the trial with its recording aligned in space; a settled one is at rest from begin to end.
 
@@ -424,6 +440,12 @@ def directions(
     if found.orientation_jumps:
         options["undo_jumps"] = True
     return options
+
+
+def farthest(trials: Sequence[Trial]) -> float | None:
+    """Return the largest distance of a last station from its base [m]; None if no base is known."""
+    away = [np.nanmax(np.linalg.norm(trial.last_motion, axis=1)) for trial in trials if trial.aligned is not None]
+    return float(max(away)) if away else None
 
 
 def body_length(trial: Trial) -> float | None:
