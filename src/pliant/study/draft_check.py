@@ -29,6 +29,7 @@ from pliant.study.trial import Trial, body_length, farthest
 
 LENGTH, DENSITY, SLENDER, LEVER = 0.2, 1100.0, 10.0, 0.01  # m; kg/m^3; length over diameter; m
 LEVEL_KPA, PAYLOAD = 30.0, 0.02  # kPa, kg
+BEHIND = (0.9, 0.8, 0.7, 0.6, 0.5)  # of the length, from an assumed base to the last station
 REACH = 1.05  # length of an assumed body over the largest distance that its last station has from the base
 SEARCH = 800.0  # derivatives of the first model take as long as a search of terms; 600 to 1200 on bundled recordings
 POSES, SECONDS, FRAMES = 40, 15.0, 50  # settled poses of a file, and seconds of a motion, that a check uses
@@ -143,9 +144,9 @@ def assumed_values(content: Mapping[str, Any], inspected: Inspected) -> dict[str
     stated = content["actuator"].get("length")
     tangent, known = direction(inspected.trials), stated not in (None, OPEN)
     length = stated if known else farthest(inspected.trials) or body_length(trial) or spread(trial)
-    base = origin(trial, tangent, length)
-    if not known and not trial.angles_only:
-        length = REACH * max(length, distance(inspected.trials, base))
+    base, reach = unseen_base(inspected.trials, tangent, length)
+    if not known:
+        length = REACH * max(length, reach)
     values = {
         "actuator.length": length, "actuator.mass": DENSITY * np.pi / 4 * (length / SLENDER) ** 2 * length,
         "actuator.gravity": [0.0, 0.0, 0.0], "fibre.body_length": length,
@@ -183,28 +184,38 @@ def spread(trial: Trial) -> float:
 
 def direction(trials: Sequence[Trial]) -> list[float]:
     """Return as the base tangent the axis of the tracker that is nearest to the direction from the first to the last
-    station or, if a single point was tracked, the one along which it moves least, downwards.
+    station. If a single point was tracked, it is the axis along which that point moves least, and from most of its
+    places towards the mean: a body that bends to all sides draws its tip back along its axis.
     """
     trial = trials[0]
     if trial.angles_only or trial.recording.attrs["frame"] != "tracker":
         return [0.0, 1.0]
     if (hang := down(trials)) is not None:
         return [x / 9.81 for x in hang]
-    tip = np.concatenate([one.recording["position"].values[:, -1] for one in trials])
-    k = int(np.argmin(np.nanstd(tip, axis=0)))
-    return [float(-1.0 if j == k else 0.0) for j in range(3)]
+    tip = tips(trials)
+    k = int(np.argmin(tip.std(axis=0)))
+    sign = 1.0 if np.median(tip[:, k]) > tip[:, k].mean() else -1.0
+    return [sign if j == k else 0.0 for j in range(3)]
 
 
-def distance(trials: Sequence[Trial], base: Sequence[float]) -> float:
-    """Return the largest distance [m] of a last station from an assumed base; 0 if its base was tracked."""
-    free = [t.grouped["position"].values[:, -1] for t in trials
-            if not t.options and t.recording.attrs["frame"] == "tracker"]  # fmt: skip
-    return max((float(np.nanmax(np.linalg.norm(p - base, axis=1))) for p in free), default=0.0)
+def tips(trials: Sequence[Trial]) -> np.ndarray:
+    """Return the known positions (T, 3) [m] of the last station in all recordings without a tracked base."""
+    tip = np.concatenate([one.grouped["position"].values[:, -1] for one in trials])
+    return tip[np.isfinite(tip).all(axis=1)]
 
 
-def origin(trial: Trial, tangent: list[float], length: float) -> list[float]:
-    """Return a base from which the last station, where it begins, is 90 % of the length away."""
-    if trial.angles_only or trial.recording.attrs["frame"] != "tracker":
-        return [0.0, 0.0, 0.0]
-    tip = np.nanmedian(trial.recording["position"].values[:10, -1], axis=0)
-    return [float(x) for x in tip - 0.9 * length * np.array(tangent)]
+def unseen_base(trials: Sequence[Trial], tangent: Sequence[float], length: float) -> tuple[list[float], float]:
+    """Return the origin [m] of a base that was not tracked, and the largest distance [m] of the last station from it.
+
+    The origin lies behind the place of the last station that is farthest along the tangent, by most of the length that
+    lets a body of this length reach all places.
+    """
+    if trials[0].angles_only or trials[0].recording.attrs["frame"] != "tracker" or trials[0].options:
+        return [0.0, 0.0, 0.0], 0.0
+    tip, along = tips(trials), np.array(tangent)
+    centre = np.median(tip, axis=0)
+    centre += (np.percentile(tip @ along, 95) - centre @ along) * along
+    bases = [centre - part * length * along for part in BEHIND]
+    reach = [float(np.linalg.norm(tip - base, axis=1).max()) for base in bases]
+    best = next((k for k, far in enumerate(reach) if far <= length), int(np.argmin(reach)))
+    return [float(x) for x in bases[best]], reach[best]

@@ -31,7 +31,7 @@ def inputs(out: Lines, inspected: Inspected) -> None:
         inputs_of_poses(out, inspected)
     elif inspected.space:
         chambers(out, inspected)
-        tendons(out, inspected.first_aligned)
+        tendons(out, inspected)
     else:
         chambers_in_plane(out, inspected)
 
@@ -106,10 +106,12 @@ def chambers(out: Lines, inspected: Inspected) -> None:
         azimuth_of(out, round(degrees[several(trial.recording).index(channel)]) if shown else None)
 
 
-def tendons(out: Lines, trial: Trial) -> None:
+def tendons(out: Lines, inspected: Inspected) -> None:
     """Write the tendons of a body in space, with the azimuth and the joints that the recording shows for each."""
+    trial = inspected.first_aligned
     if not trial.tendon_inputs:
         return
+    slack = can_be_slack(inspected)
     ends = [] if trial.aligned is None else tendon_ends(trial.aligned)[-len(trial.tendon_inputs) :]
     for k, one in enumerate(trial.tendon_inputs):
         out.item("actuator.tendons", one.name)
@@ -120,7 +122,8 @@ def tendons(out: Lines, trial: Trial) -> None:
         out.ask("lever", "m, distance of the tendons from the axis")
         if one.kind == "angle":
             out.ask("pulley", "m, radius of the motors' pulleys")
-            pair_entry(out, one)
+        if both_ways(one) and one.kind != "tension" and one.name not in slack:
+            out.put("pair", True, "its motor turns both ways: two opposite tendons; false for one that can be slack")
         if one.kind != "tension":
             out.put("line_stiffness", LINE_STIFFNESS, "N/m, tendon with its mounts, assumed and never fitted: under a "
                     "displacement the motion shows only ratios of stiffnesses")
@@ -132,11 +135,30 @@ def azimuth_of(out: Lines, azimuth: int | None) -> None:
         out.put("azimuth_deg", azimuth, "around the axis, from x towards y of the base frame, as the stations move")
 
 
-def pair_entry(out: Lines, one: RecordedInput) -> None:
-    """Write `pair = true` if the input of a tendon takes both signs: its motor pulls two opposite tendons."""
+def both_ways(one: RecordedInput) -> bool:
+    """Return whether an input takes both signs."""
     values = one.values[np.isfinite(one.values)]
-    if values.min(initial=0.0) < -EITHER_WAY * values.max(initial=0.0):
-        out.put("pair", True, "its motor turns both ways: two opposite tendons; false for one that can be slack")
+    return bool(values.min(initial=0.0) < -EITHER_WAY * values.max(initial=0.0))
+
+
+def can_be_slack(inspected: Inspected) -> list[str]:
+    """Return the names of the displacements of both signs, if the last station moves more like their positive parts
+    than like themselves: tendons that were let out hang slack. Settled poses show it; a motor that turns is taken as
+    one with two opposite tendons.
+    """
+    names = [one.name for one in inspected.first.tendon_inputs if one.kind == "displacement" and both_ways(one)]
+    if not names or not inspected.poses:
+        return []
+    error = np.zeros(2)
+    for trial in inspected.trials:
+        tip = trial.recording["position"].values[:, -1]
+        inputs = inputs_at(trial.recording, trial.recording["time"].values)
+        known = np.isfinite(tip).all(axis=1) & np.isfinite(inputs).all(axis=1)
+        for k, values in enumerate((inputs, np.maximum(inputs, 0.0))):
+            design = np.column_stack([values, np.ones(len(values))])[known]
+            left = tip[known] - design @ np.linalg.lstsq(design, tip[known], rcond=None)[0]
+            error[k] += float((left**2).sum())
+    return names if error[1] < error[0] else []
 
 
 def joints_up_to(end: float, length: float | None) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pliant.study.draft_inputs import input_names
+from pliant.study.draft_inputs import can_be_slack, input_names
 from pliant.study.inspected import Inspected
 from pliant.study.toml_text import Lines
 
@@ -45,6 +45,8 @@ def common_parameters(inspected: Inspected) -> list[tuple[str, Any, str]]:
     common: list[tuple[str, Any, str]] = []
     if inspected.poses:
         common += [("damping", {"value": 1e-3, "free": False}, "N m s/rad, without effect on settled poses")]
+    common += [(f"{name}.pretension", "free", "N, where it begins to pull; below 0 it hangs slack at displacement 0")
+               for name in can_be_slack(inspected)]  # fmt: skip
     if inspected.space and not released and not input_names(inspected):
         common += [("torque_1", "free", "N m/Pa"),
                    ("gain_y", "free", "ratio of the torque about y to the torque about x")]

@@ -29,6 +29,7 @@ SWITCHING = 0.08  # of the duration in which inputs may be switched on
 NEARLY = 0.95  # of the lowest value that an input has later: it is on
 ZERO = 0.03  # of an input's highest value, below which it is off
 GOES_ON = 0.5  # of the largest spread of a quarter of a recording: the body moves in the others too
+GROWS = 1.05  # largest displacement of a quarter over that of the quarter before: no vibration that decays
 FEWEST_MOVING = 40  # frames that show how a motion goes on
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
@@ -188,8 +189,7 @@ class WithoutCause(Kind):
     def entries(self, out: Lines, one: TrialOfDraft) -> None:
         """Write what is missing."""
         del one
-        out.say('what moved the body? pressure_file = "..." names its log; for a body on a moved base, base_motion = true '
-                'in [alignment.options]')
+        out.say('what moved the body? pressure_file = "..." names the log of its inputs')
 
 
 class FreeDecay(Kind):
@@ -283,10 +283,12 @@ def never_ends(motion: Array) -> bool:
     no vibration that decays from a release.
     """
     motion = motion[np.isfinite(motion).all(axis=-1)]
-    if len(motion) < FEWEST_MOVING:
+    if len(motion) < FEWEST_MOVING or not np.ptp(motion, axis=0).any():
         return False
-    spread = [float(np.sqrt(np.mean((part - part.mean(axis=0)) ** 2))) for part in np.array_split(motion, 4)]
-    decays = spread[1] >= spread[2] >= spread[3]
+    quarters = np.array_split(motion, 4)
+    spread = [float(np.sqrt(np.mean((part - part.mean(axis=0)) ** 2))) for part in quarters]
+    away = [float(np.linalg.norm(part - motion.mean(axis=0), axis=1).max()) for part in quarters]
+    decays = max(away[2] / away[1], away[3] / away[2]) < GROWS
     return bool(min(spread[1:]) > GOES_ON * max(spread) and not decays)
 
 

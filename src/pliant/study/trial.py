@@ -456,6 +456,8 @@ def body_length(trial: Trial) -> float | None:
         return None
     if "arc_length" in trial.aligned.coords:
         return float(trial.aligned["arc_length"].values[-1])
-    first = trial.last_motion[:10]
+    begin, end = trial.options.get("rest", (-np.inf, np.inf))
+    time = trial.aligned["time"].values
+    first = trial.last_motion[(time >= begin) & (time <= end)][:10]
     length = float(np.linalg.norm(np.median(first[np.isfinite(first).all(axis=1)], axis=0)))
     return length if np.isfinite(length) else None
