@@ -81,8 +81,8 @@ def test_a_motion_that_nothing_explains_is_no_release(tmp_path):
     t = np.arange(0.0, 20.0, 0.05)
     bend = np.sin(0.9 * t + 3.0) + 0.7 * np.sin(2.3 * t + 1.0) + 0.6 * np.sin(0.31 * t)
     s = np.array([0.05, 0.1, 0.15])
-    side = 2.0 * bend[:, None] * s**2
-    place = np.stack([side, 0 * side, s - side**2], axis=2) + 1e-5 * RNG.standard_normal((t.size, 3, 3))
+    side = 0.7 * bend[:, None] * s**2
+    place = np.stack([side, 0 * side, s - 0 * side], axis=2) + 1e-5 * RNG.standard_normal((t.size, 3, 3))
     rows = np.concatenate([np.zeros((t.size, 1, 3)), place], axis=1).reshape(t.size, 12)
     rows[:, :3] += 1e-5 * RNG.standard_normal((t.size, 3))
     file = text_table(tmp_path / "wave.csv", np.column_stack([t, rows]))
@@ -157,6 +157,7 @@ def test_settled_poses_keep_a_station_that_hardly_moves(tmp_path):
     study, said = new(tmp_path, *(part for file in files for part in ("--from", file)))
     assert all("stations" not in entry for entry in study["recordings"].values())
     assert study["actuator"]["length"] == "?"
+    assert study["alignment"]["options"] == {"base": "base", "tangent": "+z", "plane": "+x"}  # no file shows its x axis
     assert "? length: m, of the part that bends: no pose shows the body at rest; the farthest reaches 0.119 m" in said
     common = study["model_selection"]["common"]
     assert {"p1.along", "p1.across", "p1.aside", "p2.along", "tip.along"} <= set(common)
@@ -195,3 +196,17 @@ def test_the_values_assumed_for_a_trial_let_the_body_reach_all_places(tmp_path):
     said = new(tmp_path, "--from", pulled_by_steps(tmp_path, slack=False))[1]
     assert "this study can be run" in said
     assert "length, mass, gravity, lever, origin, tangent" in said
+
+
+@pytest.mark.usefixtures("untried")
+def test_tensions_in_the_names_of_files_are_those_of_the_tendons(tmp_path):
+    s, files = np.array([0.0, 0.06, 0.12]), []
+    for motor, azimuth in (("m1", 0.3), ("m2", 1.9)):
+        for level in (1, 2.5):
+            points = bent(np.array(0.4 * level), np.array(azimuth), s) + 1e-6 * RNG.standard_normal((60, 3, 3))
+            rows = np.column_stack([np.arange(60) / 100.0, points.reshape(60, 9)])
+            files.append(text_table(tmp_path / f"{motor}_{level}N.csv", rows))
+    study, said = new(tmp_path, *(part for file in files for part in ("--from", file)))
+    assert study["recordings"]["m1_2_5N"]["inputs"] == {"m1": 2.5, "m2": 0.0}
+    assert [t["driven_by"] for t in study["actuator"]["tendons"]] == ["tension"] * 2
+    assert "? inputs" not in said

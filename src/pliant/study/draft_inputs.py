@@ -13,7 +13,7 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.recording.inputs import RecordedInput, inputs_at
 from pliant.study.first_reading import several
 from pliant.study.inspected import Inspected
-from pliant.study.kinds import levels_by_name
+from pliant.study.kinds import levels_by_name, named_tension
 from pliant.study.shorthand import OPEN
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial, body_length
@@ -46,15 +46,17 @@ def input_names(inspected: Inspected) -> list[str]:
 def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
     """Write the inputs of settled poses that the names of the files state, as chambers if they are pressures."""
     levels = levels_by_name(inspected.trials).values()
-    pressures = all(value != OPEN for one in levels for value in one.values())
+    known = all(value != OPEN for one in levels for value in one.values())
+    tensions = known and named_tension(inspected.first) is not None
     for name in input_names(inspected):
-        if pressures:
+        if known and not tensions:
             out.item("actuator.chambers", name)
             out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
             continue
         out.item("actuator.tendons", name)
         azimuth_of(out, azimuth_of_poses(inspected, name))
-        out.ask("driven_by", "tension, displacement or angle of its motor; a pressure chamber is [[actuator.chambers]]")
+        out.ask("driven_by", "tension, displacement or angle of its motor; a pressure chamber is [[actuator.chambers]]",
+                "tension" if tensions else None, "N, as the names of the files say")
         out.ask("lever", "m, distance of the tendons from the axis")
 
 

@@ -176,8 +176,11 @@ def alignment(out: Lines, trial: Trial) -> None:
         return
     out.put("base", trial.options["base"])
     tangent = "base tangent from the first stations" if trial.dense else \
+        "the axis nearest to the direction from base to tip; or state another" if "plane" in trial.options else \
         "from base to tip at rest; or state the body's axis in the tracker frame, e.g. \"+x\" or [1.0, 0.0, 0.0]"
     out.put("tangent", trial.options["tangent"], tangent)
+    if "plane" in trial.options:
+        out.put("plane", trial.options["plane"], "x axis of the base frame; azimuths count from it")
     if "undo_jumps" in trial.options:
         out.put("undo_jumps", True, "the orientation of a marker cluster jumps; jumps are counted and corrected")
     if trial.problem:

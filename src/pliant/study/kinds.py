@@ -31,6 +31,7 @@ ZERO = 0.03  # of an input's highest value, below which it is off
 GOES_ON = 0.5  # of the largest spread of a quarter of a recording: the body moves in the others too
 GROWS = 1.05  # largest displacement of a quarter over that of the quarter before: no vibration that decays
 FEWEST_MOVING = 40  # frames that show how a motion goes on
+TENSION = re.compile(r"(?<![A-Za-z0-9.])(\d+(?:\.\d+)?)[ _-]?N(?![A-Za-z0-9])")
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
 
@@ -94,7 +95,14 @@ UNIT_OF_INPUTS = "value of the input that the name of each file states, in N, m,
 def levels_comment(trial: Trial, levels: Mapping[str, float | str]) -> str:
     """Return the comment beside the levels of a settled pose."""
     source = f"the name of the file is {trial.path.stem}"
-    return f"{UNIT_OF_INPUTS}: {source}" if "?" in levels.values() else f"Pa, {source}"
+    unit = "N" if named_tension(trial) is not None else "Pa"
+    return f"{UNIT_OF_INPUTS}: {source}" if "?" in levels.values() else f"{unit}, {source}"
+
+
+def named_tension(trial: Trial) -> float | None:
+    """Return the tension [N] that the name of a file states, such as m1_2.5N; None if it states none."""
+    named = TENSION.search(trial.path.stem)
+    return float(named[1]) if named else None
 
 
 def moving_inputs(trial: Trial) -> bool:
@@ -104,7 +112,8 @@ def moving_inputs(trial: Trial) -> bool:
 
 def levels_by_name(trials: Sequence[Trial]) -> dict[str, dict[str, float | str]]:
     """Return the value of each input for each recording, as far as the file names state it: a pressure such as 30kPa
-    [Pa], else "?". A part of the names that few values share, such as m1 and m2, names the inputs; the others are 0.
+    [Pa] or a tension such as 2N [N], else "?". A part of the names that few values share, such as m1 and m2, names the
+    inputs; the others are 0.
     """
     parts = [trial.path.stem.split("_") for trial in trials]
     width = min(len(p) for p in parts)
@@ -114,7 +123,7 @@ def levels_by_name(trials: Sequence[Trial]) -> dict[str, dict[str, float | str]]
     names = list(dict.fromkeys(labels))
     levels: dict[str, dict[str, float | str]] = {}
     for trial, label in zip(trials, labels, strict=True):
-        known = trial.highest_pa if LEVEL.search(trial.path.stem) else None
+        known = trial.highest_pa if LEVEL.search(trial.path.stem) else named_tension(trial)
         levels[trial.name] = {name: 0.0 if name != label else "?" if known is None else known for name in names}
     return levels
 
