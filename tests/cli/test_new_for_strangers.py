@@ -210,3 +210,23 @@ def test_tensions_in_the_names_of_files_are_those_of_the_tendons(tmp_path):
     assert study["recordings"]["m1_2_5N"]["inputs"] == {"m1": 2.5, "m2": 0.0}
     assert [t["driven_by"] for t in study["actuator"]["tendons"]] == ["tension"] * 2
     assert "? inputs" not in said
+
+
+@pytest.mark.usefixtures("untried")
+@pytest.mark.parametrize("rigid", [True, False])
+def test_markers_without_names_on_two_plates_are_a_base_and_a_tip(tmp_path, rigid):
+    """Three stand still, and three move with constant distances; on a soft body they would not keep these."""
+    bend = np.where((T > 1.0) & (T < 4.0), 1.0, 0.0)
+    bend = 0.6 * np.convolve(bend, np.exp(-np.arange(30) / 6.0) / 6.0)[: T.size]
+    plate = np.array([[0.015, 0.0, 0.0], [-0.008, 0.013, 0.0], [-0.008, -0.013, 0.002]])
+    turned = np.stack([plate[:, 0] * np.cos(bend)[:, None] + plate[:, 2] * np.sin(bend)[:, None],
+                       plate[:, 1] + 0 * bend[:, None],
+                       plate[:, 2] * np.cos(bend)[:, None] - plate[:, 0] * np.sin(bend)[:, None]], axis=2)  # fmt: skip
+    if not rigid:
+        turned[:, 0, 0] += 0.01 * bend
+    tip = np.column_stack([0.06 * bend, 0 * T, 0.12 - 0.02 * bend**2])[:, None] + turned
+    places = np.concatenate([np.broadcast_to(plate, tip.shape), tip], axis=1).reshape(T.size, 18)
+    places += 1e-5 * RNG.standard_normal(places.shape)
+    study, _ = new(tmp_path, "--from", text_table(tmp_path / "arm_40kPa.csv", np.column_stack([T, places])))
+    stations = {"base": ["p1", "p2", "p3"], "tip": ["p4", "p5", "p6"]} if rigid else None
+    assert study["alignment"].get("stations") == stations

@@ -15,7 +15,15 @@ from pliant.errors import InputError
 from pliant.study.column_guess import words_of
 from pliant.study.first_reading import several, with_logs
 from pliant.study.kinds import Kind, PoseOfFile, UnrecordedPressure, WithoutCause, recognised
-from pliant.study.trial import Trial, from_first_frames, from_one_side, in_space, inspect_file, inspect_guessed
+from pliant.study.trial import (
+    Trial,
+    from_first_frames,
+    from_one_side,
+    in_space,
+    inspect_file,
+    inspect_guessed,
+    on_plates,
+)
 
 Array = np.ndarray
 BASE_STILL = 0.2  # of the largest displacement between files: the station that moves less is the base
@@ -121,6 +129,7 @@ def inspect_all(
     names = [trial.name for trial in trials]
     if not names or len(set(names)) < len(names):
         raise InputError(f"a study needs recordings with different file names, got {', '.join(names) or 'none'}")
+    trials = on_plates(trials)
     kinds = recognised(trials)
     if all(isinstance(kind, PoseOfFile) for kind in kinds.values()):
         trials = in_one_order(trials)
