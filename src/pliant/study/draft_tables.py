@@ -165,7 +165,8 @@ def alignment(out: Lines, trial: Trial) -> None:
         return
     if trial.stations:
         out.table("alignment.stations")
-        out.say("each station combines the markers on one rigid part, grouped by names or constant distances; base first, tip last")
+        out.say("each station combines the markers on one rigid part, by names or constant distances; base first,",
+                "tip last")
         for name, markers in trial.stations.items():
             out.put(name, markers)
     out.table("alignment.options")
