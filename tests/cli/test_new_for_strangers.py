@@ -230,3 +230,28 @@ def test_markers_without_names_on_two_plates_are_a_base_and_a_tip(tmp_path, rigi
     study, _ = new(tmp_path, "--from", text_table(tmp_path / "arm_40kPa.csv", np.column_stack([T, places])))
     stations = {"base": ["p1", "p2", "p3"], "tip": ["p4", "p5", "p6"]} if rigid else None
     assert study["alignment"].get("stations") == stations
+
+
+def swinging(folder: Path, name: str, high: float) -> Path:
+    """A base and a tip at the height `high` [m] below it, under a pressure that swings."""
+    push = 10.0 * np.sin(1.5 * np.clip(T - 1.0, 0.0, None)) ** 2
+    side = 3e-3 * np.convolve(push, np.exp(-np.arange(20) / 4.0) / 4.0)[: T.size]
+    places = np.column_stack([0 * T, 0 * T, 0 * T, side, 0 * T, side**2 - high])
+    rows = np.column_stack([T, push, places + 1e-5 * RNG.standard_normal(places.shape)])
+    return text_table(folder / f"{name}.csv", rows, f"t,p_kpa,{PLACES[2:]}")
+
+
+@pytest.mark.usefixtures("untried")
+def test_the_body_is_as_long_as_the_recording_that_shows_it_longest(tmp_path):
+    files = [swinging(tmp_path, "later", 0.15), swinging(tmp_path, "first", 0.2)]
+    study, _ = new(tmp_path, *(part for file in files for part in ("--from", file)))
+    assert study["actuator"]["length"] == pytest.approx(0.2, rel=0.01)
+    assert "from base to tip at rest in first.csv" in (tmp_path / "s.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow  # the draft is tried
+def test_a_trial_names_the_recordings_that_a_run_would_leave_out(tmp_path):
+    files = [swinging(tmp_path, "good", 0.15), swinging(tmp_path, "far", 0.2)]
+    said = new(tmp_path, *(part for file in files for part in ("--from", file)), "--length", "0.14", "--mass", "50g")[1]
+    assert "this study can be run" in said
+    assert "1 recording(s) are left out: recording far is dropped: station tip is" in said

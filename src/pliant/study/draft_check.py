@@ -47,11 +47,14 @@ class DraftCheck(NamedTuple):
         Forecast of the time of a run; None if it cannot be run.
     assumed : tuple of str
         Names of the entries for which a value was assumed.
+    dropped : tuple of str
+        A sentence for each recording that the run leaves out.
     """
 
     problem: str
     seconds: float | None
     assumed: tuple[str, ...]
+    dropped: tuple[str, ...] = ()
 
 
 def check_draft(text: str, folder: Path, inspected: Inspected) -> DraftCheck:
@@ -70,17 +73,17 @@ def check_draft(text: str, folder: Path, inspected: Inspected) -> DraftCheck:
             path = Path(place) / f"{content['name']}.json"
             path.write_text(json.dumps(content), encoding="utf-8")
             study = load_study(path)
-        step = first_step(study, whole=not assumed)
+        step, dropped = first_step(study, whole=not assumed)
     except PliantError as error:
         return DraftCheck(str(error).replace(str(path), "the study"), None, assumed)
     fitting = min(SEARCH * step, 60 * MINUTES)
-    return DraftCheck("", clock.perf_counter() - began + fitting, assumed)
+    return DraftCheck("", clock.perf_counter() - began + fitting, assumed, dropped)
 
 
-def first_step(study: Study, *, whole: bool) -> float:
+def first_step(study: Study, *, whole: bool) -> tuple[float, tuple[str, ...]]:
     """Prepare a study, find the start values of the fit with which its model selection begins, and compute its first
-    derivatives. Return the time that these derivatives take [s]; of long recordings a part is used, and the time is
-    extrapolated.
+    derivatives. Return the time that these derivatives take [s], and a sentence for each recording that is left out. Of
+    long recordings a part is used, and the time is extrapolated.
 
     Raises
     ------
@@ -105,7 +108,7 @@ def first_step(study: Study, *, whole: bool) -> float:
         step = clock.perf_counter() - began
         if step > QUICK_S:
             break
-    return step / float(np.mean(parts))
+    return step / float(np.mean(parts)), tuple(ready.dropped.values())
 
 
 def shortened(exp: Experiment) -> tuple[Experiment, float]:

@@ -15,6 +15,7 @@ from pliant.study.first_reading import several
 from pliant.study.inspected import Inspected
 from pliant.study.kinds import levels_by_name, named_tension
 from pliant.study.shorthand import OPEN
+from pliant.study.tendon_ends import end_of_bend, even_bend
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial, body_length
 
@@ -245,14 +246,6 @@ def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
     return (best if best[0] < MUCH_BETTER * candidates[0][0] else candidates[0])[1:]
 
 
-def even_bend(height: np.ndarray, begin: float, end: float | np.ndarray) -> np.ndarray:
-    """Return the small sideways displacements [m] of points at the heights (S,) [m] along the base tangent, for a body
-    with a curvature of 1/m between the heights `begin` and `end` [m] that is straight elsewhere.
-    """
-    bent = np.clip(height, begin, end) - begin
-    return np.asarray(bent * (height - begin - 0.5 * bent))
-
-
 def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
     """Return for the tendon of each input its azimuth [degrees] and the height of its end [m]. The height is measured
     along the base tangent at rest.
@@ -266,14 +259,4 @@ def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
         Recording in the base frame, in space, without input 0 in any channel.
     """
     height = np.nanmedian(recording["position"].values[:10, :, 2], axis=0)
-    ends = np.sort(height[height > 0.05 * height.max()])
-    shapes = even_bend(height, 0.0, ends[:, None])  # (E, S)
-    fitted = []
-    for gain in sideways(recording):
-        measured = np.isfinite(gain).all(axis=1)
-        curvature = shapes[:, measured] @ gain[measured] / (shapes[:, measured] ** 2).sum(axis=1)[:, None]  # (E, 2)
-        squared_error = ((gain[measured] - shapes[:, measured, None] * curvature[:, None]) ** 2).sum(axis=(1, 2))
-        best = int(np.argmin(squared_error))
-        towards = curvature[best]
-        fitted.append((float(np.degrees(np.arctan2(towards[1], towards[0])) % 360.0), float(ends[best])))
-    return fitted
+    return [end_of_bend(gain, height) for gain in sideways(recording)]

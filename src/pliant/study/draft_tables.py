@@ -11,7 +11,7 @@ from pliant.study.draft_inputs import LINKS
 from pliant.study.inspected import Inspected
 from pliant.study.shorthand import OPEN
 from pliant.study.toml_text import Lines
-from pliant.study.trial import Trial, body_length, farthest
+from pliant.study.trial import Trial, farthest, longest_rest
 
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 
@@ -67,9 +67,9 @@ def actuator(
     if length is None and inspected.poses and not trial.dense:
         longest = farthest(inspected.trials)
         question += f": no pose shows the body at rest; the farthest reaches {longest:.3g} m" if longest else ""
-    elif length is None and (length := body_length(trial)) is not None:
+    elif length is None and (rest := longest_rest(inspected.trials)) is not None:
         along = "along the stations" if trial.dense else "from base to tip at rest"
-        comment = f"m, {along} in {trial.path.name}: correct it if you measured it"
+        length, comment = rest[0], f"m, {along} in {rest[1].path.name}: correct it if you measured it"
     out.ask("length", question, length, comment)
     out.ask("mass", "kg, of the part that bends: weigh it, or density times volume; stiffness, damping and torque scale"
             " with it",

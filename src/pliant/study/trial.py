@@ -413,6 +413,14 @@ def directions(
     return options
 
 
+def longest_rest(trials: Sequence[Trial]) -> tuple[float, Trial] | None:
+    """Return the largest length of the body [m] that a recording shows, and this recording; None if none shows it. A
+    recording that begins under pressure shows a bent body, which is shorter.
+    """
+    lengths = [(length, trial) for trial in trials if (length := body_length(trial)) is not None]
+    return max(lengths, key=lambda one: one[0], default=None)
+
+
 def farthest(trials: Sequence[Trial]) -> float | None:
     """Return the largest distance of a last station from its base [m]; None if no base is known."""
     away = [np.nanmax(np.linalg.norm(trial.last_motion, axis=1)) for trial in trials if trial.aligned is not None]
