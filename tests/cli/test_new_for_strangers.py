@@ -251,7 +251,7 @@ def test_the_body_is_as_long_as_the_recording_that_shows_it_longest(tmp_path):
 
 @pytest.mark.slow  # the draft is tried
 def test_a_trial_names_the_recordings_that_a_run_would_leave_out(tmp_path):
-    files = [swinging(tmp_path, "good", 0.15), swinging(tmp_path, "far", 0.2)]
+    files = [swinging(tmp_path, "train", 0.15), swinging(tmp_path, "validation", 0.2)]
     said = new(tmp_path, *(part for file in files for part in ("--from", file)), "--length", "0.14", "--mass", "50g")[1]
     assert "this study can be run" in said
-    assert "1 recording(s) are left out: recording far is dropped: station tip is" in said
+    assert "1 recording(s) are left out: recording validation is dropped: station tip is" in said

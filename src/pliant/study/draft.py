@@ -167,8 +167,8 @@ def sentence(check: DraftCheck) -> str:
     minutes = check.seconds / 60
     size = f"{max(1, round(check.seconds, -1 if check.seconds > 20 else 0)):.0f} s" if minutes < 2 else \
         f"{minutes:.0f} minutes"
-    left_out = f" ! {len(check.dropped)} recording(s) are left out: {'; '.join(check.dropped)}." if check.dropped else ""
-    return f"Tried {given}, this study can be run. Forecast of the time of a run: {size}.{left_out}"
+    lost = f" ! {len(check.dropped)} recording(s) are left out: {'; '.join(check.dropped)}." if check.dropped else ""
+    return f"Tried {given}, this study can be run. Forecast of the time of a run: {size}.{lost}"
 
 
 def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
