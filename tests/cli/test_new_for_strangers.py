@@ -255,3 +255,21 @@ def test_a_trial_names_the_recordings_that_a_run_would_leave_out(tmp_path):
     said = new(tmp_path, *(part for file in files for part in ("--from", file)), "--length", "0.14", "--mass", "50g")[1]
     assert "this study can be run" in said
     assert "1 recording(s) are left out: recording validation is dropped: station tip is" in said
+
+
+@pytest.mark.usefixtures("untried")
+@pytest.mark.parametrize(("count", "tendons", "every"), [(700, 6, 2), (200, 3, None)])
+def test_tendons_of_several_segments_are_asked_for_their_ends(tmp_path, count, tendons, every):
+    """One tracked body does not show where they end. Of very many poses a part is used."""
+    drawn = RNG.uniform(0.0, 8.0, (count, tendons))
+    towards = np.radians(120.0) * np.arange(tendons)
+    bend = 0.1 * np.column_stack([drawn @ np.cos(towards), drawn @ np.sin(towards)])
+    tip = bent(np.linalg.norm(bend, axis=1), np.arctan2(bend[:, 1], bend[:, 0]), np.array([0.12]))[:, 0]
+    names = [*(f"tendon_{k}_mm" for k in range(tendons)), "tip_x_m", "tip_y_m", "tip_z_m"]
+    file = text_table(tmp_path / "poses.csv", np.column_stack([0.6 * np.arange(count), drawn, tip]),
+                      ",".join(["time", *names]))  # fmt: skip
+    study, said = new(tmp_path, "--from", file)
+    assert study["recordings"]["poses"]["poses"] is True
+    assert study["recordings"]["poses"].get("every") == every
+    assert [t.get("stop") for t in study["actuator"]["tendons"]] == ["?" if tendons == 6 else None] * tendons
+    assert ("? stop: m from the base, where it ends" in said) is (tendons == 6)

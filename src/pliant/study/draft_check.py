@@ -156,7 +156,7 @@ def assumed_values(content: Mapping[str, Any], inspected: Inspected) -> dict[str
         "alignment.options.tangent": tangent, "alignment.options.origin": base,
         "camera.rate_hz": 30.0, "camera.pixels_per_mm": 1.0, "mapping.angle_unit": "deg",
         "mapping.pressure_unit": "kPa", "driven_by": "tension", "lever": LEVER, "pulley": 2 * LEVER,
-        "nominal_pressure": LEVEL_KPA, "tip_mass": PAYLOAD,
+        "nominal_pressure": LEVEL_KPA, "tip_mass": PAYLOAD, "stop": length,
     }  # fmt: skip
     guess = trial.guess
     return values | ({f"mapping.{name}": guess.neutral[name] for name in guess.questions} if guess else {})

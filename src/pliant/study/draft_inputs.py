@@ -21,6 +21,7 @@ from pliant.study.trial import Trial, body_length
 
 LINKS = 5
 LINE_STIFFNESS = 1000.0  # N/m
+OF_ONE_SEGMENT = 4  # tendons; more bend several segments, and end at different positions along the body
 FEWEST_SHOWING = 3  # stations with the base: so few can always be explained by the bend of some part
 MUCH_BETTER = 0.5  # a bend of a part is used if its squared error is below this fraction of an even bend's
 EITHER_WAY = 0.1  # an input that falls below minus this fraction of its maximum has both signs
@@ -122,6 +123,8 @@ def tendons(out: Lines, inspected: Inspected) -> None:
         azimuth_of(out, round(ends[k][0]) if ends else None)
         if ends and len(passed := joints_up_to(ends[k][1], body_length(trial))) < LINKS:
             out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
+        if trial.tracks_one_body and len(trial.tendon_inputs) > OF_ONE_SEGMENT:
+            out.ask("stop", "m from the base, where it ends: a single tracked body does not show it")
         out.ask("lever", "m, distance of the tendons from the axis")
         if one.kind == "angle":
             out.ask("pulley", "m, radius of the motors' pulleys")

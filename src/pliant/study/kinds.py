@@ -22,6 +22,7 @@ from pliant.study.trial import LEVEL, RETURNED, Trial
 Array = np.ndarray
 STILL = 0.05  # of the displacement between files: a file whose stations move less holds one pose
 APART_S = 0.3  # s between rows (median): a soft body has settled before the next row
+MANY_POSES = 300  # of a file, that determine a model as well as all of them
 JUMP = 0.1  # of the spread of the tip: rows of settled poses differ by more (root mean square)
 ROUGH = 0.8  # change of successive steps over the steps: rows without a motion between them, if no time is known
 FRACTION, FEWEST = 0.02, 500  # of the motion that thinning may lose, and the frames that it leaves
@@ -155,6 +156,9 @@ class PoseOfRow(Kind):
     def entries(self, out: Lines, one: TrialOfDraft) -> None:
         """Write that each row is a pose."""
         out.put("poses", True, f"{self.evidence(one)}; remove this line if they follow a motion")
+        count = int(one.trial.recording.sizes["time"])
+        if (every := count // MANY_POSES) > 1:
+            out.put("every", every, f"{-(-count // every)} of {count} poses are used; remove this line to use all")
 
 
 class MeasuredInputs(Kind):
