@@ -273,3 +273,19 @@ def test_tendons_of_several_segments_are_asked_for_their_ends(tmp_path, count, t
     assert study["recordings"]["poses"].get("every") == every
     assert [t.get("stop") for t in study["actuator"]["tendons"]] == ["?" if tendons == 6 else None] * tendons
     assert ("? stop: m from the base, where it ends" in said) is (tendons == 6)
+
+
+@pytest.mark.usefixtures("untried")
+def test_a_file_whose_rows_are_in_another_one_judges_nothing(tmp_path):
+    """The rest is divided: the later poses judge."""
+    whole = pulled_by_steps(tmp_path, slack=False)
+    rows = np.loadtxt(whole, delimiter=",")
+    copy = text_table(tmp_path / "validation.csv", rows[:30])
+    (whole := whole.rename(tmp_path / "train.txt")).write_bytes(text_table(tmp_path / "a.csv", rows).read_bytes())
+    study, said = new(tmp_path, "--from", whole, "--from", copy)
+    assert "hold the same numbers in 30 frames" in said
+    assert list(study["recordings"]) == ["train", "train_later"]
+    assert [entry["part"] for entry in study["recordings"].values()] == [[0.0, 0.8], [0.8, 1.0]]
+    assert study["model_selection"]["train"] == ["train"]
+    assert study["model_selection"]["held_out"] == ["train_later"]
+    assert "validation is left out: train holds its frames" in (tmp_path / "s.toml").read_text(encoding="utf-8")

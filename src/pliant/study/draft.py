@@ -10,7 +10,7 @@ from typing import Any, TypedDict, Unpack
 
 from pliant.options import with_defaults
 from pliant.preprocessing.plausibility import Case
-from pliant.preprocessing.plausibility.together import beside
+from pliant.preprocessing.plausibility.together import copies, exchanged
 from pliant.study.doubts import body_warnings
 from pliant.study.draft_check import DraftCheck, check_draft
 from pliant.study.draft_inputs import inputs
@@ -179,4 +179,5 @@ def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
         warnings |= {f"{trial.name} {check}": f"{trial.path.name}: {line}" for check, line in doubts.items()}
         for check, line in body_warnings(case, trial.grouped, trial.aligned if trial.has_scale else None).items():
             warnings.setdefault(check, line)
-    return (*warnings.values(), *beside({trial.name: trial.aligned for trial in trials if trial.aligned is not None}))
+    aligned = {trial.name: trial.aligned for trial in trials if trial.aligned is not None}
+    return (*warnings.values(), *copies({trial.name: trial.recording for trial in trials}), *exchanged(aligned))

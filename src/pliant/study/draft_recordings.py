@@ -12,7 +12,7 @@ from pliant.preprocessing.quality import standing_stations
 from pliant.preprocessing.rest import rest_window
 from pliant.recording.typed_steps import held_sentences
 from pliant.study.draft_inputs import channels
-from pliant.study.inspected import Inspected
+from pliant.study.inspected import DIVIDED, LATER, Inspected
 from pliant.study.kinds import Kind, TrialOfDraft
 from pliant.study.shorthand import OPEN
 from pliant.study.toml_text import Lines, key, relative
@@ -20,6 +20,7 @@ from pliant.study.trial import Trial
 from pliant.units import KILOGRAM
 
 REST = 0.05  # of a free decay: its end, taken as rest
+DIVISION: tuple[tuple[str, list[float] | None], ...] = (("", [0.0, DIVIDED]), (LATER, [DIVIDED, 1.0]))
 GRAMS = re.compile(r"(?<![a-z0-9.])(\d+(?:\.\d+)?)[ _-]?(g|kg)(?![a-z0-9])", re.IGNORECASE)
 LOADED = re.compile(r"(?:load|weight|mass)[ _-]?\d+", re.IGNORECASE)
 
@@ -28,16 +29,23 @@ def recordings(out: Lines, inspected: Inspected, folder: Path, level: float | No
     """Write the tables of all files. Trials that a column of a file numbers have one table."""
     written = set()
     for trial in inspected.trials:
-        if trial.file_name not in written:
-            recording(out, trial, inspected, folder, level)
-            channels(out, trial, inspected)
+        if trial.file_name not in written and trial.name not in inspected.copied:
+            for ending, part in DIVISION if inspected.divided else (("", None),):
+                recording(out, trial, inspected, folder, level, ending)
+                if part:
+                    out.put("part", part, "of the file's poses")
+                channels(out, trial, inspected)
         written.add(trial.file_name)
 
 
-def recording(out: Lines, trial: Trial, inspected: Inspected, folder: Path, level: float | None) -> None:
-    """Write the [recordings] table of one file, with a summary of its content and what its kind of experiment needs."""
+def recording(
+    out: Lines, trial: Trial, inspected: Inspected, folder: Path, level: float | None, ending: str = "",
+) -> None:
+    """Write the [recordings] table of one file, with a summary of its content and what its kind of experiment needs.
+    `ending` is that of the table's name.
+    """
     kind, candidate = inspected.kinds[trial.name], TrialOfDraft(trial, inspected.trials, level)
-    out.table(f"recordings.{key(trial.file_name)}")
+    out.table(f"recordings.{key(trial.file_name + ending)}")
     out.say(*trial.quality.summary().splitlines(), kind.evidence(candidate))
     out.put("file", relative(trial.path, folder))
     if trial.log is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pliant.study.draft_inputs import can_be_slack, input_names
-from pliant.study.inspected import Inspected
+from pliant.study.inspected import LATER, Inspected
 from pliant.study.toml_text import Lines
 
 MINUTES = 5
@@ -16,12 +16,17 @@ def selection(out: Lines, inspected: Inspected) -> None:
     """Write the [model_selection] table: training and held-out recordings, time limit, and the parameters that are free
     in every model.
     """
-    held = inspected.held_out()
+    held, train = inspected.held_out(), inspected.training()
     out.table("model_selection")
     out.say("the training recordings choose the terms of the model (creep, friction, softening, ...): a term joins if",
             "parts of the recordings are then predicted better from the other parts")
-    out.put("train", [trial.name for trial in inspected.trials if trial.name not in held])
-    if held:
+    out.put("train", train)
+    for name, other in inspected.copied.items():
+        out.say(f"{name} is left out: {other} holds its frames, so that it cannot judge a model that {other} trains")
+    if inspected.divided:
+        out.put("held_out", [f"{name}{LATER}" for name in train], "the later poses of the file; the report judges how "
+                "the model predicts them")
+    elif held:
         out.put("held_out", held, "no part in the choice; the report judges how the model predicts this")
     else:
         out.say('to test the prediction, make one more recording and name it here: held_out = ["another"]')

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.preprocessing.plausibility.together import alike
 from pliant.study.column_guess import words_of
 from pliant.study.first_reading import several, with_logs
-from pliant.study.kinds import Kind, PoseOfFile, UnrecordedPressure, WithoutCause, recognised
+from pliant.study.kinds import Kind, PoseOfFile, PoseOfRow, UnrecordedPressure, WithoutCause, recognised
 from pliant.study.trial import (
     Trial,
     from_first_frames,
@@ -30,6 +32,8 @@ BASE_STILL = 0.2  # of the largest displacement between files: the station that 
 LAST_NUMBER = re.compile(r"[_ .:-]*[A-Za-z]*[_ .:-]*\d+$")
 ALIKE = 0.15  # of the highest pressure: sister channels differ by less (median)
 MOST_ORDERED = 7  # stations beside the base whose orders are all compared
+FEWEST_POSES = 40  # of a file whose later poses are held out
+DIVIDED, LATER = 0.8, "_later"  # fraction of such a file that trains; ending of the other part's name
 TRAINING = {"train", "training"}
 JUDGING = {"test", "testing", "validation", "valid", "val", "eval", "evaluation", "holdout"}
 
@@ -79,6 +83,22 @@ class Inspected:
         """Return whether some recording has this excitation."""
         return any(kind.excitation == excitation for kind in self.kinds.values())
 
+    @cached_property
+    def copied(self) -> dict[str, str]:
+        """Return the recordings whose frames are in a longer one, which is named with each: no part of the study."""
+        return {one: other for one, other, _ in alike({trial.name: trial.recording for trial in self.trials})}
+
+    @property
+    def divided(self) -> bool:
+        """Return whether the poses of the only recording are divided: the later ones judge."""
+        known = [trial for trial in self.trials if trial.name not in self.copied]
+        return len(known) == 1 and isinstance(self.kinds[known[0].name], PoseOfRow) and (
+            int(known[0].recording.sizes["time"]) >= FEWEST_POSES)
+
+    def training(self) -> list[str]:
+        """Return the names of the recordings that train: all but the held-out ones and copies."""
+        return [trial.name for trial in self.trials if trial.name not in {*self.held_out(), *self.copied}]
+
     def held_out(self) -> list[str]:
         """Return the names of the recordings to hold out for validation; [] if there is only one recording.
 
@@ -87,12 +107,13 @@ class Inspected:
         peak displacement decides instead. If only some recordings drive several chambers together, one of these is held
         out, so that the fit has the effect of each chamber alone.
         """
-        if named := held_out_by_name(self.trials):
+        known = [trial for trial in self.trials if trial.name not in self.copied]
+        if named := held_out_by_name(known):
             return named
-        if len(self.trials) < 2:
+        if len(known) < 2:
             return []
-        together = [trial for trial in self.trials if len(trial.chambers) > 1]
-        trials = together if len(together) < len(self.trials) and together else self.trials
+        together = [trial for trial in known if len(trial.chambers) > 1]
+        trials = together if len(together) < len(known) and together else known
         if any(isinstance(kind, PoseOfFile) for kind in self.kinds.values()):
             tips = np.array([np.nanmedian(trial.last_motion, axis=0) for trial in trials])
             size = dict(zip((t.name for t in trials), np.linalg.norm(tips - tips.mean(axis=0), axis=1), strict=True))
