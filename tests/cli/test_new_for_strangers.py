@@ -51,7 +51,7 @@ def test_a_table_that_does_not_show_its_inputs_is_drafted_by_one_line(tmp_path):
     assert "? pressure: columns (from 0) of the measured pressures, as [4, 5], and their unit; 1, 2, 3 change" in said
     assert "its table does not show which columns are the inputs" in said
     write, remove, again = steps_of(said)
-    assert write.startswith("write columns.toml")
+    assert write.startswith("write into columns.toml the columns")
     assert remove == f"remove {tmp_path / 's.toml'}"
     assert again == f"pliant new {tmp_path / 's.toml'} --from {file} --mapping columns.toml"
     (tmp_path / "s.toml").unlink()
@@ -91,6 +91,10 @@ def test_a_motion_that_nothing_explains_is_no_release(tmp_path):
     assert "nothing in its recordings shows what moves the body" in said
     assert steps_of(said) == [
         f"add the log of the inputs to the recordings of pliant new; without one: pliant order {file}"]  # fmt: skip
+    done = invoke("order", file, "--max-order", 2)
+    assert done.exit_code == 0, done.exception or done.output
+    assert "its columns are proposed from names, units and ranges" in done.stderr
+    assert "4 stations" in done.stdout
 
 
 def ringing(amplitude: float, decay: float) -> np.ndarray:

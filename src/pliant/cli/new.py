@@ -67,13 +67,14 @@ def new(
     with suppress(KeyboardInterrupt), busy("trying the study; Ctrl-C leaves it untried"):
         draft = checked(draft, study)
         write_text(study, draft.text)
-    again = " ".join(["pliant new", str(study), "--from", *map(str, given)])
+    columns_of = [part for one in mapping or ["columns.toml"] for part in ("--mapping", one)]
+    again = " ".join(["pliant new", str(study), "--from", *map(str, given), *columns_of])
     print_draft(study, draft, again, as_json=json)
 
 
 def print_draft(study: Path, draft: Draft, again: str, *, as_json: bool) -> None:
     """Print the name of the study file written, its warnings and open questions, what its trial showed, and the steps
-    that follow. `again` is the command that writes the draft.
+    that follow. `again` is the command that writes the draft by a mapping, which is its last argument.
     """
     from pliant.study.draft import sentence
 
@@ -92,8 +93,8 @@ def next_steps(study: Path, draft: Draft, again: str) -> list[str]:
     run = f"pliant run {study} -o results/{study.stem}"
     if draft.inspected is not None and draft.inspected.first.asks_inputs:
         entry = 'pressure = { columns = [4, 5], unit = "kPa" }'
-        return [f"write columns.toml with the columns and unit of the inputs, such as: {entry}", f"remove {study}",
-                f"{again} --mapping columns.toml"]  # fmt: skip
+        file = again.split()[-1].rpartition("=")[2]
+        return [f"write into {file} the columns and unit of the inputs, such as: {entry}", f"remove {study}", again]
     if draft.inspected is not None and (orders := draft.inspected.without_cause):
         return [f"add the log of the inputs to the recordings of pliant new; without one: pliant order {orders[0]}"]
     steps = []
