@@ -18,7 +18,7 @@ from pliant.recording import make_recording, write
 from pliant.study.body import study_model
 from pliant.study.draft import draft_study
 from pliant.study.draft_inputs import tendon_ends
-from pliant.study.prepare import aligned_recording, all_aligned
+from pliant.study.prepare import aligned_recording, all_aligned, moving_stations
 from pliant.study.run import prepare_all
 from pliant.study.schema import load_study
 
@@ -99,6 +99,18 @@ def test_the_run_estimates_the_azimuths_that_a_recording_without_rest_does_not_s
     draft = draft_study([tmp_path / "run.nc", tmp_path / "whole.nc"], tmp_path / "s.toml", mass=0.1, length=0.3)
     assert draft.text.count("azimuth_deg = ") == 3  # the recording that could be aligned shows them
     assert draft.text.count("joints = ") == 2
+
+
+def test_a_station_that_stands_still_is_part_of_a_settled_pose():
+    """In a motion it may be the base, and the study must say so; between settled poses nothing moves anyway."""
+    rng = np.random.default_rng(0)
+    place = np.array([[0.0, 0, 0], [0, 0, 0.1], [0.01, 0, 0.2], [0.03, 0, 0.3]]) + np.zeros((80, 4, 3))
+    place[:, 2:] += 1e-3 * np.sin(np.arange(80) / 9.0)[:, None, None]
+    place += 1e-6 * rng.standard_normal(place.shape)
+    recording = make_recording(np.arange(80) / 50.0, place, station=["base", "p1", "p2", "tip"])
+    with pytest.raises(InputError, match="p1 does not move, like the base"):
+        moving_stations("r", recording, "base")
+    assert moving_stations("r", recording, "base", settled=True) == ["p1", "p2", "tip"]
 
 
 @pytest.mark.slow  # two studies are prepared

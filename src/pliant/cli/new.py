@@ -93,7 +93,7 @@ def next_steps(study: Path, draft: Draft, again: str) -> list[str]:
     run = f"pliant run {study} -o results/{study.stem}"
     if draft.inspected is not None and draft.inspected.first.asks_inputs:
         entry = 'pressure = { columns = [4, 5], unit = "kPa" }'
-        file = again.split()[-1].rpartition("=")[2]
+        file = again.rsplit(maxsplit=1)[-1].rpartition("=")[2]
         return [f"write into {file} the columns and unit of the inputs, such as: {entry}", f"remove {study}", again]
     if draft.inspected is not None and (orders := draft.inspected.without_cause):
         return [f"add the log of the inputs to the recordings of pliant new; without one: pliant order {orders[0]}"]

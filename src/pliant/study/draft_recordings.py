@@ -86,7 +86,7 @@ def payload(out: Lines, trial: Trial) -> None:
         if mass:
             out.put("known", {"tip_mass": mass}, f"{meaning} says {stated[0]}")
     elif LOADED.search(name):
-        out.put("known", {"tip_mass": OPEN}, f"{meaning} is {name}")
+        out.put("known", {"tip_mass": OPEN}, f"{meaning} is {name}; 0 for none")
         out.questions.append("tip_mass: kg, additional mass at the tip that the name of a file states")
 
 
