@@ -29,8 +29,9 @@ def recordings(out: Lines, inspected: Inspected, folder: Path, level: float | No
     """Write the tables of all files. Trials that a column of a file numbers have one table."""
     written = set()
     for trial in inspected.trials:
-        if trial.file_name not in written and trial.name not in inspected.copied:
-            for ending, part in DIVISION if inspected.divided else (("", None),):
+        if trial.file_name not in written:
+            divided = inspected.divided and trial.name not in inspected.copied
+            for ending, part in DIVISION if divided else (("", None),):
                 recording(out, trial, inspected, folder, level, ending)
                 if part:
                     out.put("part", part, "of the file's poses")
