@@ -293,3 +293,17 @@ def test_a_file_whose_rows_are_in_another_one_judges_nothing(tmp_path):
     assert study["model_selection"]["train"] == ["train"]
     assert study["model_selection"]["held_out"] == ["train_later"]
     assert "validation is left out: train holds its frames" in (tmp_path / "s.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("untried")
+def test_chambers_that_are_driven_together_bend_to_one_side(tmp_path):
+    """What both move cannot be told apart: neither is drafted against the motion that they share."""
+    push = 40.0 * np.sin(1.5 * np.clip(T - 1.0, 0.0, None)) ** 2
+    side = 8e-4 * np.convolve(push, np.exp(-np.arange(20) / 4.0) / 4.0)[: T.size]
+    late = np.roll(push, 3)
+    places = np.column_stack([0 * T, 0 * T, 0 * T, side, 0 * T, side**2 - 0.2])
+    both = np.column_stack([push, 0.9 * late]) + 0.2 * RNG.standard_normal((T.size, 2))
+    rows = np.column_stack([T, both, places + 1e-5 * RNG.standard_normal(places.shape)])
+    file = text_table(tmp_path / "both.csv", rows, f"t,p_kpa_left,p_kpa_right,{PLACES[2:]}")
+    study, _ = new(tmp_path, "--from", file)
+    assert len({chamber.get("joint_gain", 1.0) for chamber in study["actuator"]["chambers"]}) == 1

@@ -24,6 +24,7 @@ LINE_STIFFNESS = 1000.0  # N/m
 OF_ONE_SEGMENT = 4  # tendons; more bend several segments, and end at different positions along the body
 FEWEST_SHOWING = 3  # stations with the base: so few can always be explained by the bend of some part
 MUCH_BETTER = 0.5  # a bend of a part is used if its squared error is below this fraction of an even bend's
+TOGETHER = 0.1  # singular values below this fraction of the largest: the inputs were driven together
 EITHER_WAY = 0.1  # an input that falls below minus this fraction of its maximum has both signs
 
 
@@ -208,15 +209,19 @@ def azimuths(recording: xr.Dataset) -> list[float]:
 
 def sideways(recording: xr.Dataset) -> np.ndarray:
     """Return the displacement of S stations per unit of each of C inputs, (C, S, 1) in a plane or (C, S, 2) in space [m
-    per unit], by least squares. Its components are perpendicular to the base tangent.
+    per unit], by least squares. Its components are perpendicular to the base tangent. Inputs that rise and fall
+    together share what they move, in proportion to their ranges.
     """
     across = without_spikes(recording["position"].values)[..., :-1]
     inputs = inputs_at(recording, recording["time"].values)
-    design = np.column_stack([inputs, np.ones(len(inputs))])
+    sizes = np.nanstd(inputs, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    scaled = (inputs - np.nanmean(inputs, axis=0)) / sizes
+    design = np.column_stack([scaled, np.ones(len(inputs))])
     gain = np.full((inputs.shape[1], *across.shape[1:]), np.nan)
     for s in range(across.shape[1]):
         known = np.isfinite(across[:, s]).all(axis=1) & np.isfinite(inputs).all(axis=1)
-        gain[:, s] = np.linalg.lstsq(design[known], across[known, s], rcond=None)[0][:-1]
+        gain[:, s] = np.linalg.lstsq(design[known], across[known, s], rcond=TOGETHER)[0][:-1] / sizes[:, None]
     return gain
 
 
