@@ -71,7 +71,7 @@ def test_pressures_in_space_with_one_body_are_found_by_name(tmp_path):
     assert "nominal_pressure" not in study["text"]
     assert "commands beside measured inputs are not used: Desired_pressure_seg_1" in study["text"]
     assert [line[2:].split(":")[0] for line in study["asked"].splitlines() if line.startswith("? ")] == [
-        "pressure", "length", "mass", "origin", "tangent"]  # fmt: skip
+        "pressure", "length", "mass", "gravity", "origin", "tangent"]  # fmt: skip
 
 
 @pytest.mark.parametrize(("left_on", "warm_up"), [(0.3, 1.3), (0.0, None)])
@@ -197,7 +197,7 @@ def test_steps_of_a_motor_ask_for_their_size(tmp_path):
     columns = {"t_s": t, **{f"stepper_{k}": np.rint(2000 * inputs[:, k]) for k in range(3)},
                **body_columns(tip_of(inputs))}  # fmt: skip
     study = drafted(tmp_path, table(tmp_path / "steps.csv", columns))
-    assert study["mapping"]["linear"] == {f"stepper_{k}": {"scale": "?"} for k in range(3)}
+    assert study["mapping"]["linear"] == {"actuation": {"scale": "?"}}
     assert [t["driven_by"] for t in study["actuator"]["tendons"]] == ["displacement"] * 3
 
 

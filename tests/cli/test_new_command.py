@@ -14,10 +14,11 @@ from pliant.cli.new import new
 from pliant.errors import InputError
 from pliant.recording import make_recording, write
 from pliant.study.draft import draft_study
+from pliant.study.plates import clusters
 from pliant.study.schema import Study
 from pliant.study.shorthand import open_entries, refuse_open
 from pliant.study.toml_text import relative, toml
-from pliant.study.trial import clusters, inspect_trial
+from pliant.study.trial import inspect_trial
 from pliant.testbed.bundle import FOLDER
 
 pytestmark = pytest.mark.usefixtures("untried")

@@ -15,6 +15,7 @@ from pliant.simulation import Trace, simulate
 
 LENGTH, MASS = 0.12, 0.05
 TANGENT = AXES[:, 1]
+HANGING = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # columns: x, y and z of a base whose z is -y
 PSI = 6.894757293168361  # kPa
 EPOCH = 1_760_000_000  # s since 1970
 LEVELS = [*LEVELS_KPA.values()]
@@ -212,6 +213,24 @@ def gratings(folder: Path) -> list[Path]:
                 for time, row, p in zip(t, seen, np.interp(t, fine, pressure), strict=True)]  # fmt: skip
         head = ["Interrogator: 13 gratings", "Fibre length (mm): 120", "\t".join(names)]
         files.append(lines(folder / f"fbg_{level}kPa.txt", [*head, *rows]))
+    return files
+
+
+def poses(folder: Path) -> list[Path]:
+    """A file a settled pose: five markers in any order, one of them on the base; its name says motor and torque.
+
+    The body has even curvature, in proportion to the tension of one tendon; no chain of links made it.
+    """
+    rng, files, s = np.random.default_rng(8), [], LENGTH * np.array([0.0, 0.3, 0.55, 0.8, 1.0])
+    for motor, azimuth in (("m1", 25.0), ("m2", 150.0)):
+        for level in (1, 2, 3, 4):
+            curve, side = 2.5 * level, np.radians(azimuth)
+            out = (1.0 - np.cos(curve * s)) / curve
+            points = np.column_stack([np.cos(side) * out, np.sin(side) * out, np.sin(curve * s) / curve])
+            order = rng.permutation(len(s))
+            seen = ORIGIN + (points[order] + 5e-5 * rng.standard_normal((90, len(s), 3))) @ HANGING.T
+            rows = [f"{k},{k / 240.0:.6f}," + ",".join(f"{v:.6f}" for v in row.ravel()) for k, row in enumerate(seen)]
+            files.append(lines(folder / f"{motor}_u{level}.csv", rows))
     return files
 
 

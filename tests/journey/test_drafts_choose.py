@@ -67,4 +67,5 @@ def test_a_draft_that_cannot_be_run_is_written_all_the_same(tmp_path):
     assert "! Tried as it is, this study cannot be run: " in first
     assert "station tip is" in first
     assert "check the tracking there and the stated length" in first
-    assert "next: change what its first lines name, then run: pliant run" in said
+    study = tmp_path / "s.toml"
+    assert f"next: change in {study} what its first lines name\nthen: pliant run {study} -o results/s" in said

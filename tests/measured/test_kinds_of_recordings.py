@@ -12,8 +12,9 @@ RELEASE_MAPPING = {
 }  # fmt: skip
 CASES = {  # files -> kind, whether in space, recordings held out
     "spatial_tentacle/*.csv": ("PoseOfFile", True, 1),
-    "spatial_tendon_robot/*.csv": ("PoseOfRow", True, ["v4_tendon_pull"]),
+    "spatial_tendon_robot/*.csv": ("PoseOfRow", True, []),  # all rows of v4_tendon_pull are in v4_train
     "spatial_rod_reference/release_TPU_*.txt": ("FreeDecay", True, 1),
+    "fiber_shape/label.txt": ("WithoutCause", True, []),
     "spatial_pneumatic_arm/*.csv": ("MeasuredInputs", True, 1),
     "spatial_tendon_trunk/observations_controlled_[13].csv": ("MeasuredInputs", True, 1),
     "planar_two_segment_arm/*steps*.txt": ("MeasuredInputs", False, 1),

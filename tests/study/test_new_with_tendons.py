@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -16,7 +18,8 @@ from pliant.recording import make_recording, write
 from pliant.study.body import study_model
 from pliant.study.draft import draft_study
 from pliant.study.draft_inputs import tendon_ends
-from pliant.study.prepare import aligned_recording, all_aligned
+from pliant.study.prepare import aligned_recording, all_aligned, moving_stations
+from pliant.study.run import prepare_all
 from pliant.study.schema import load_study
 
 TIME = np.arange(0, 4, 0.02)
@@ -49,10 +52,11 @@ def test_azimuths_and_ends_of_tendons():
 def test_a_study_of_tendons_is_drafted_and_builds_a_model(tmp_path):
     write(arm("angle", both=True), tmp_path / "run.nc")
     draft = draft_study([tmp_path / "run.nc"], tmp_path / "s.toml", mass=0.1)
-    assert len(draft.questions) == 2  # each once, though three tendons ask them
+    assert len(draft.questions) == 3  # gravity, and lever and pulley once, though three tendons ask them
     assert draft.text.count("[[actuator.tendons]]") == 3
     assert "pair = true  # its motor turns both ways" in draft.text
     text = draft.text.replace('lever = "?"', "lever = 8e-3").replace('pulley = "?"', "pulley = 0.01")
+    text = text.replace('gravity = "?"', "gravity = [0.0, 0.0, -9.81]")
     (tmp_path / "s.toml").write_text(text)
     study = load_study(tmp_path / "s.toml")
     assert [t.joints for t in study.actuator.tendons] == [[1, 2], None, [1, 2, 3]]  # joints at 30, 90, 150, ... mm
@@ -95,3 +99,33 @@ def test_the_run_estimates_the_azimuths_that_a_recording_without_rest_does_not_s
     draft = draft_study([tmp_path / "run.nc", tmp_path / "whole.nc"], tmp_path / "s.toml", mass=0.1, length=0.3)
     assert draft.text.count("azimuth_deg = ") == 3  # the recording that could be aligned shows them
     assert draft.text.count("joints = ") == 2
+
+
+def test_a_station_that_stands_still_is_part_of_a_settled_pose():
+    """In a motion it may be the base, and the study must say so; between settled poses nothing moves anyway."""
+    rng = np.random.default_rng(0)
+    place = np.array([[0.0, 0, 0], [0, 0, 0.1], [0.01, 0, 0.2], [0.03, 0, 0.3]]) + np.zeros((80, 4, 3))
+    place[:, 2:] += 1e-3 * np.sin(np.arange(80) / 9.0)[:, None, None]
+    place += 1e-6 * rng.standard_normal(place.shape)
+    recording = make_recording(np.arange(80) / 50.0, place, station=["base", "p1", "p2", "tip"])
+    with pytest.raises(InputError, match="p1 does not move, like the base"):
+        moving_stations("r", recording, "base")
+    assert moving_stations("r", recording, "base", settled=True) == ["p1", "p2", "tip"]
+
+
+@pytest.mark.slow  # two studies are prepared
+def test_a_run_finds_where_tendons_end_that_the_study_says_nothing_of(tmp_path):
+    """The base was not tracked when the draft was written; the run knows it, and sees how far each tendon bends."""
+    write(arm("angle", both=True), tmp_path / "run.nc")
+    draft = draft_study([tmp_path / "run.nc"], tmp_path / "s.toml", mass=0.1, length=0.3, gravity=[0.0, 0.0, 0.0])
+    text = draft.text.replace('lever = "?"', "lever = 8e-3").replace('pulley = "?"', "pulley = 0.01")
+    text = re.sub(r"^(azimuth_deg|joints) = .*\n", "", text, flags=re.MULTILINE)
+    (tmp_path / "s.toml").write_text(text)
+    notes: list[str] = []
+    tendons = prepare_all(load_study(tmp_path / "s.toml"), notes.append).actuator.tendons
+    assert [t.stop for t in tendons] == [pytest.approx(ENDS[0], abs=2e-3), None, pytest.approx(ENDS[2], abs=2e-3)]
+    assert any("estimated azimuths of the inputs: t1" in note and "up to 100 mm" in note for note in notes)
+    stated = text.replace('name = "t1"', 'name = "t1"\njoints = [1, 2, 3]')
+    (tmp_path / "s.toml").write_text(stated)
+    first = prepare_all(load_study(tmp_path / "s.toml"), notes.append).actuator.tendons[0]
+    assert (first.stop, first.joints) == (None, [1, 2, 3])

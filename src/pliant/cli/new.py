@@ -67,21 +67,40 @@ def new(
     with suppress(KeyboardInterrupt), busy("trying the study; Ctrl-C leaves it untried"):
         draft = checked(draft, study)
         write_text(study, draft.text)
-    print_draft(study, draft, as_json=json)
+    columns_of = [part for one in mapping or ["columns.toml"] for part in ("--mapping", one)]
+    again = " ".join(["pliant new", str(study), "--from", *map(str, given), *columns_of])
+    print_draft(study, draft, again, as_json=json)
 
 
-def print_draft(study: Path, draft: Draft, *, as_json: bool) -> None:
-    """Print the name of the study file written, its warnings and open questions, what its trial showed, and the next
-    command.
+def print_draft(study: Path, draft: Draft, again: str, *, as_json: bool) -> None:
+    """Print the name of the study file written, its warnings and open questions, what its trial showed, and the steps
+    that follow. `again` is the command that writes the draft by a mapping, which is its last argument.
     """
     from pliant.study.draft import sentence
 
-    check = draft.check
-    failed = check is not None and bool(check.problem)
-    first = 'replace each "?" in it, then run: ' if draft.questions else \
-        "change what its first lines name, then run: " if failed else ""
+    check, steps = draft.check, next_steps(study, draft, again)
     lines = [f"wrote {study}", *(f"! {doubt}" for doubt in draft.doubts), *(f"? {q}" for q in draft.questions),
-             *([sentence(check)] if check else []), f"next: {first}pliant run {study} -o results/{study.stem}"]
-    content = {"study": str(study), "open": draft.questions, "doubts": draft.doubts,
+             *([sentence(check)] if check else []), f"next: {steps[0]}", *(f"then: {step}" for step in steps[1:])]
+    content = {"study": str(study), "open": draft.questions, "doubts": draft.doubts, "next": steps,
                "problem": check.problem if check else None, "forecast_s": check.seconds if check else None}
     answer(content, "\n".join(lines), as_json=as_json)
+
+
+def next_steps(study: Path, draft: Draft, again: str) -> list[str]:
+    """Return what to do next with a draft, in this order: a run is the last step, and the first one only if no question
+    is open and the trial did not fail.
+    """
+    run = f"pliant run {study} -o results/{study.stem}"
+    if draft.inspected is not None and draft.inspected.first.asks_inputs:
+        entry = 'pressure = { columns = [4, 5], unit = "kPa" }'
+        file = again.rsplit(maxsplit=1)[-1].rpartition("=")[2]
+        return [f"write into {file} the columns and unit of the inputs, such as: {entry}", f"remove {study}", again]
+    if draft.inspected is not None and (orders := draft.inspected.without_cause):
+        return [f"add the log of the inputs to the recordings of pliant new; without one: pliant order {orders[0]}"]
+    steps = []
+    if draft.check is not None and draft.check.problem:
+        steps.append(f"change in {study} what its first lines name")
+    if draft.questions:
+        names = ", ".join(dict.fromkeys(q.partition(":")[0] for q in draft.questions))
+        steps.append(f'replace each "?" in {study}: {names}')
+    return [*steps, run]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pliant.cli.inspect import described
 from pliant.cli.output import aligned
-from pliant.cli.reading import read_with_mapping
 from pliant.cli.terminal import answer, busy, in_unit, say
 from pliant.errors import InputError
 
@@ -45,7 +45,9 @@ def order(
     """
     from pliant.reduction import select_order
 
-    recording = read_with_mapping(file, mapping)
+    recording, proposed = described(file, None if mapping is None else [str(mapping)])
+    for line in proposed:
+        say(line, error=True)
     with busy("trying orders"):
         result = select_order(
             recording, max_order=max_order, bound=None if bound_mm is None else 1e-3 * bound_mm, boundary=boundary,

@@ -66,8 +66,8 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
     error = errors.get("stiffness", 0.0)
     if error is not None and error > DETERMINED * value:
         held["stiffness"] = f"held: the recordings show only {value:.3g} +- {error:.2g}"
-    if not held:
-        return parent
+    if not held or not {p.name for p in parent.problem.free} - set(held):
+        return parent  # a fit needs a free parameter
     parameters = [replace(p, free=False, source=held[p.name]) if p.name in held else p for p in parent.parameters]
     return fitted(setting, parent.model, parameters, prior_weight=parent.problem.size)
 

@@ -20,6 +20,7 @@ from pliant.model.chamber import FIELDS
 from pliant.reduction import LinkPlacement
 from pliant.study.body_tables import ActuatorEntry, ChamberTable, StationTable, TaperTable, TendonTable
 from pliant.study.schema import Study
+from pliant.study.tendon_ends import end_of_bend
 
 Array = np.ndarray
 TURNED = "turned by pi about the base tangent: its x is minus that of the recordings"
@@ -291,11 +292,13 @@ def training(study: Study) -> list[str]:
 def with_azimuths(
     study: Study, experiments: Mapping[str, Experiment], notify: Callable[[str], None],
 ) -> ActuatorEntry:
-    """Return the study's actuator with every missing `azimuth_deg` estimated from the training recordings.
+    """Return the study's actuator with every missing `azimuth_deg`, and the end of these tendons, estimated from the
+    training recordings.
 
     A tendon bends the body towards itself. The motion of the tip across the base tangent is modelled as a sum of one
     motion for each tendon, proportional to its input, by least squares over the training recordings. The direction of
-    each motion is the azimuth of the tendon. Fits of gain_x and gain_y start from these azimuths.
+    each motion is the azimuth of the tendon. Fits of gain_x and gain_y start from these azimuths. If several stations
+    are tracked, a tendon without stated joints or end ends where `end_of_bend` finds it.
 
     Raises
     ------
@@ -307,26 +310,66 @@ def with_azimuths(
     if not unknown:
         return study.actuator
     names = [t.name for t in tendons]
-    moves = tip_moves([experiments[n] for n in training(study) if n in experiments], names)
-    degrees = dict(zip(names, np.degrees(np.arctan2(moves[:, 1], moves[:, 0])) % 360.0, strict=True))
-    notify("estimated azimuths of the inputs: " + ", ".join(f"{name} {degrees[name]:.0f} deg" for name in unknown))
-    stated = [
-        t.model_copy(update={"azimuth_deg": float(degrees[t.name])}) if t.name in unknown else t for t in tendons
-    ]
+    seen = [experiments[n] for n in training(study) if n in experiments]
+    moves = station_moves(seen, names)
+    ends = [end_of_bend(gain, rest_heights(seen)) for gain in moves] if moves.shape[1] > 1 else []
+    stated, shown = [], []
+    for k, tendon in enumerate(tendons):
+        if tendon.name not in unknown:
+            stated.append(tendon)
+            continue
+        azimuth = float(np.degrees(np.arctan2(moves[k, -1, 1], moves[k, -1, 0])) % 360.0)
+        entries: dict[str, Any] = {"azimuth_deg": azimuth}
+        if ends and tendon.joints is None and tendon.stop is None and ends[k][1] < max(end for _, end in ends):
+            entries = {"azimuth_deg": ends[k][0], "stop": ends[k][1]}
+        stated.append(tendon.model_copy(update=entries))
+        shown.append(f"{tendon.name} {entries['azimuth_deg']:.0f} deg"
+                     + (f" up to {1e3 * entries['stop']:.0f} mm" if "stop" in entries else ""))
+    notify("estimated azimuths of the inputs: " + ", ".join(shown))
     return study.actuator.model_copy(update={"tendons": stated})
+
+
+def rest_heights(experiments: Sequence[Experiment]) -> Array:
+    """Return the largest height (S,) [m] along the base tangent at which each of S stations is seen: that on the
+    straight body.
+    """
+    return np.asarray(np.nanmax(np.concatenate([e.position[..., 2] for e in experiments]), axis=0))
 
 
 def tip_moves(experiments: Sequence[Experiment], names: Sequence[str]) -> Array:
     """Return the displacement of the last station per unit of each of C inputs, (C, 2) [m per unit], by least squares.
     Its two components are perpendicular to the base tangent.
     """
+    return moves_of(experiments, names, [e.last_station[:, :2] for e in experiments])
+
+
+def station_moves(experiments: Sequence[Experiment], names: Sequence[str]) -> Array:
+    """Return the displacement of S stations per unit of each of C inputs, (C, S, 2) [m per unit], as `tip_moves` does.
+    If the recordings have different stations, S is 1: the last.
+    """
+    stations = {e.stations for e in experiments}
+    if len(stations) != 1:
+        return tip_moves(experiments, names)[:, None]
+    count = len(stations.pop())
+    moves = [moves_of(experiments, names, [e.position[:, s, :2] for e in experiments]) for s in range(count)]
+    return np.stack(moves, axis=1)
+
+
+def moves_of(experiments: Sequence[Experiment], names: Sequence[str], places: Sequence[Array]) -> Array:
+    """Return the displacement of a point per unit of each of C inputs, (C, 2) [m per unit], from its places (T, 2) [m]
+    in each experiment.
+
+    Raises
+    ------
+    InputError
+        When some inputs were always pulled together.
+    """
     inputs, moves = [], []
-    for exp in experiments:
-        tip = exp.last_station[:, :2]
-        measured = np.isfinite(tip).all(axis=1)
+    for exp, place in zip(experiments, places, strict=True):
+        measured = np.isfinite(place).all(axis=1)
         drawn = np.stack([exp.drives[n](exp.time) if n in exp.drives else 0.0 * exp.time for n in names], axis=1)
         inputs.append(drawn[measured] - drawn[measured].mean(axis=0))
-        moves.append(tip[measured] - tip[measured].mean(axis=0))
+        moves.append(place[measured] - place[measured].mean(axis=0))
     drawn = np.concatenate(inputs) if inputs else np.zeros((0, len(names)))
     gains, _, rank, _ = np.linalg.lstsq(drawn, np.concatenate(moves or [np.zeros((0, 2))]), rcond=LEAST_DRAWN)
     if rank < len(names):

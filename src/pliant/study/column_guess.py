@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,7 @@ WORDS = {
 }  # fmt: skip
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
 RIGID = 0.3  # fraction by which the distance of neighbours on one body may change
+INPUTS = ("pressure", "inputs", "linear")  # entries of a mapping that name the inputs and convert their values
 LONGEST = 60  # trials of one table that a draft lists
 
 
@@ -64,6 +65,14 @@ class TableGuess:
     questions: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     trials: tuple[str, list[int]] | None = None
+
+    def beside(self, stated: Mapping[str, Any]) -> TableGuess:
+        """Return the proposal with the entries that the user states. If they name inputs, no others are proposed."""
+        named = {**dict.fromkeys(INPUTS if set(INPUTS[:2]) & set(stated) else ()), **stated}
+        mapping, neutral = ({**{k: v for k, v in entries.items() if k not in named}, **stated}
+                            for entries in (self.mapping, self.neutral))  # fmt: skip
+        return replace(self, mapping=mapping, neutral=neutral,
+                       questions={k: q for k, q in self.questions.items() if k not in named})  # fmt: skip
 
     @property
     def has_inputs(self) -> bool:
@@ -103,20 +112,18 @@ def guessed_table(path: Path, stated: Mapping[str, Any] | None = None) -> TableG
     ----------
     path : Path
     stated : mapping, optional
-        Entries that the user states. If they describe the columns, there is nothing to propose.
+        Entries that the user states. If they describe the columns of the shape, there is nothing to propose.
     """
     stated = stated or {}
-    if path.suffix.lower() not in TABLES or not path.is_file() or "format" in stated or describes_columns(stated):
+    shape = {k: v for k, v in stated.items() if k not in INPUTS}
+    if path.suffix.lower() not in TABLES or not path.is_file() or "format" in stated or describes_columns(shape):
         return None
     try:
         table = plain_table(path)
-        guess = None if table is None else (named if table.names else unnamed)(table)
+        guess = None if table is None else (named if table.names else unnamed)(table, stated)
     except InputError:
         return None
-    if guess is None:
-        return None
-    return TableGuess({**guess.mapping, **stated}, {**guess.neutral, **stated},
-                      {k: q for k, q in guess.questions.items() if k not in stated}, guess.notes, guess.trials)
+    return None if guess is None else guess.beside(stated)
 
 
 def plain_table(path: Path) -> PlainTable | None:
@@ -138,14 +145,27 @@ def words_of(name: str) -> list[str]:
     return [word.lower() for word in WORD.findall(name)]
 
 
-def named(table: PlainTable) -> TableGuess | None:
-    """Return the proposal for a table with a header."""
+def stated_columns(table: PlainTable, stated: Mapping[str, Any]) -> set[int]:
+    """Return the indices of the columns that the user names as inputs."""
+    groups = [g for name in INPUTS[:2] for g in as_list(stated.get(name)) if isinstance(g, Mapping)]
+    columns = [c for group in groups for c in as_list(group.get("columns"))]
+    return {c if isinstance(c, int) else table.names.index(c) for c in columns
+            if isinstance(c, int) or c in table.names}  # fmt: skip
+
+
+def as_list(value: Any) -> list[Any]:
+    """Return a list as it is, None as an empty list, and anything else as a list of it."""
+    return value if isinstance(value, list) else [] if value is None else [value]
+
+
+def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
+    """Return the proposal for a table with a header, beside what the user states."""
     stations = stations_by_name(table.names)
     if not stations or len(set(table.names)) < len(table.names):
         return None
     places = {name: {part: [table.names[k] for k in columns] for part, columns in at.items()}
               for name, at in stations.items()}  # fmt: skip
-    used = {k for at in stations.values() for columns in at.values() for k in columns}
+    used = {k for at in stations.values() for columns in at.values() for k in columns} | stated_columns(table, stated)
     clock = next((k for k, name in enumerate(table.names) if k not in used and is_time(name)), None)
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
@@ -263,26 +283,26 @@ def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, 
                  "unit": "mm" if kind == "steps" else unit or {"angle": "deg", "displacement": "mm"}.get(kind, "N")}
         mapping.setdefault("inputs", []).append(entry)
         if kind == "steps":
-            mapping["linear"] = {name: {"scale": OPEN} for name in names}
+            mapping["linear"] = {"actuation": {"scale": OPEN}} if len(kinds) == 1 else {
+                name: {"scale": OPEN} for name in names}  # fmt: skip
     return mapping, left, notes
 
 
-def unnamed(table: PlainTable) -> TableGuess | None:
-    """Return the proposal for a table of numbers alone: a clock, and positions (with quaternions) side by side."""
+def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
+    """Return the proposal for a table of numbers alone, beside what the user states: a clock, positions (with
+    quaternions) side by side, and steps of motors, which are whole numbers.
+    """
     values, width = table.values, table.values.shape[1]
+    inputs = stated_columns(table, stated)
     counters = [k for k in range(min(2, width)) if table.whole(k) and counts(values[:, k])]
-    clock = next((k for k in range(min(3, width)) if k not in counters and rises(values[:, k])), None)
-    rest = [k for k in range(width) if k not in counters and k != clock]
-    stations: dict[str, dict[str, list[int]]] = {}
-    turns: list[int] = []
-    for k in range(3, width - 3):
-        if not is_rotation(values[:, k : k + 4]) or (turns and k < turns[-1] + 7):
-            continue
-        turns.append(k)
-        stations[f"p{len(stations) + 1}"] = {"position": [k - 3, k - 2, k - 1], "quaternion": [k, k + 1, k + 2, k + 3]}
-    if not turns and len(rest) % 3 == 0:
-        stations = {f"p{i // 3 + 1}": {"position": rest[i : i + 3]} for i in range(0, len(rest), 3)}
-        if not on_one_body(values[:, rest].reshape(len(values), -1, 3)):
+    clock = next((k for k in range(min(3, width)) if k not in {*counters, *inputs} and rises(values[:, k])), None)
+    rest = [k for k in range(width) if k not in {*counters, *inputs, clock}]
+    stations = posed(table)
+    steps = [] if stations or inputs else [k for k in rest if table.whole(k) and table.changes(k)]
+    places = [k for k in rest if k not in steps]
+    if not stations and places and len(places) % 3 == 0:
+        stations = {f"p{i // 3 + 1}": {"position": places[i : i + 3]} for i in range(0, len(places), 3)}
+        if not on_one_body(values[:, places].reshape(len(values), -1, 3)):
             return None
     if not stations:
         return None
@@ -290,13 +310,27 @@ def unnamed(table: PlainTable) -> TableGuess | None:
     mapping: dict[str, Any] = {**delimited(table), **clock_entries(table, clock), "length_unit": unit,
                                "stations": stations}  # fmt: skip
     used = {k for at in stations.values() for columns in at.values() for k in columns}
-    left = [k for k in rest if k not in used and table.changes(k)]
+    left = [k for k in rest if k not in {*used, *steps} and table.changes(k)]
     notes = [note]
-    if left:
+    if steps:
+        mapping |= {"inputs": [{"columns": steps, "kind": "displacement", "unit": "mm"}],
+                    "linear": {"actuation": {"scale": OPEN}}}  # fmt: skip
+        notes.append(f"whole numbers in the columns {', '.join(map(str, steps))} (from 0): steps of motors")
+    elif left and not inputs:
         mapping["pressure"] = {"columns": OPEN, "unit": OPEN}
-        notes.append(f"the columns {', '.join(map(str, left))} (from 0) change: name the pressures among them, or "
-                     'state inputs = { columns = [...], kind = "displacement", unit = "mm" } for tendons')  # fmt: skip
-    return asked(mapping, table, notes, None)
+    return asked(mapping, table, notes, None, left)
+
+
+def posed(table: PlainTable) -> dict[str, dict[str, list[int]]]:
+    """Return the stations whose positions have a quaternion beside them: name -> column indices."""
+    stations: dict[str, dict[str, list[int]]] = {}
+    last = -7
+    for k in range(3, table.values.shape[1] - 3):
+        if k >= last + 7 and is_rotation(table.values[:, k : k + 4]):
+            last = k
+            stations[f"p{len(stations) + 1}"] = {"position": [k - 3, k - 2, k - 1],
+                                                 "quaternion": [k, k + 1, k + 2, k + 3]}  # fmt: skip
+    return stations
 
 
 def counts(values: Array) -> bool:
@@ -337,9 +371,12 @@ def blocks(values: Array) -> list[int]:
 
 
 def asked(
-    mapping: dict[str, Any], table: PlainTable, notes: Sequence[str], trials: tuple[str, list[int]] | None
+    mapping: dict[str, Any], table: PlainTable, notes: Sequence[str], trials: tuple[str, list[int]] | None,
+    changing: Sequence[int] = (),
 ) -> TableGuess:
-    """Return the proposal, with its open questions and the values assumed for them."""
+    """Return the proposal, with its open questions and the values assumed for them. `changing` are the columns without
+    a name among which the inputs are.
+    """
     neutral, questions = dict(mapping), {}
     if mapping.get("rate_hz") == OPEN:
         neutral["rate_hz"] = 100.0
@@ -347,14 +384,20 @@ def asked(
     if (pressure := mapping.get("pressure")) and pressure["unit"] == OPEN:
         if pressure["columns"] == OPEN:
             del neutral["pressure"]
-            questions["pressure"] = "columns of the measured pressures, as [1, 2], and their unit"
+            questions["pressure"] = (
+                f"columns (from 0) of the measured pressures, as [4, 5], and their unit; "
+                f"{', '.join(map(str, changing))} change; of tendons: inputs = {{ columns = [4, 5], "
+                'kind = "displacement", unit = "mm" }')
         else:
             high = float(np.nanmax(table.values[:, [table.names.index(c) for c in pressure["columns"]]]))
             neutral["pressure"] = {**pressure, "unit": likely_unit(high)}
             questions["pressure"] = f"unit (gauge): kPa, mbar, bar, psi or Pa; the highest value is {high:.4g}"
     if "linear" in mapping:
-        wide = {n: float(np.ptp(table.values[:, table.names.index(n)])) for n in mapping["linear"]}
-        neutral["linear"] = {name: {"scale": 10.0 / max(width, 1.0)} for name, width in wide.items()}
+        counted = [c for one in mapping["inputs"] for c in one["columns"]
+                   if "actuation" in mapping["linear"] or c in mapping["linear"]]  # fmt: skip
+        columns = [c if isinstance(c, int) else table.names.index(c) for c in counted]
+        width = max(float(np.ptp(table.values[:, k])) for k in columns)
+        neutral["linear"] = {name: {"scale": 10.0 / max(width, 1.0)} for name in mapping["linear"]}
         questions["linear"] = "mm of tendon for each step of the motor"
     return TableGuess(mapping, neutral, questions, tuple(n for n in notes if n), trials)
 

@@ -10,7 +10,7 @@ from typing import Any, TypedDict, Unpack
 
 from pliant.options import with_defaults
 from pliant.preprocessing.plausibility import Case
-from pliant.preprocessing.plausibility.together import beside
+from pliant.preprocessing.plausibility.together import copies, exchanged
 from pliant.study.doubts import body_warnings
 from pliant.study.draft_check import DraftCheck, check_draft
 from pliant.study.draft_inputs import inputs
@@ -119,8 +119,8 @@ def draft_study(
     out.put("name", title)
     out.put("title", title.replace("_", " "))
     camera(out, trials)
-    mapping_table(out, trials)
-    actuator(out, first, length, mass, diameter)
+    mapping_table(out, inspected)
+    actuator(out, inspected, length, mass, diameter)
     space_entry(out, inspected)
     weight(out, inspected, gravity)
     if first.capped:
@@ -167,7 +167,8 @@ def sentence(check: DraftCheck) -> str:
     minutes = check.seconds / 60
     size = f"{max(1, round(check.seconds, -1 if check.seconds > 20 else 0)):.0f} s" if minutes < 2 else \
         f"{minutes:.0f} minutes"
-    return f"Tried {given}, this study can be run. Forecast of the time of a run: {size}."
+    lost = f" ! {len(check.dropped)} recording(s) are left out: {'; '.join(check.dropped)}." if check.dropped else ""
+    return f"Tried {given}, this study can be run. Forecast of the time of a run: {size}.{lost}"
 
 
 def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
@@ -178,4 +179,5 @@ def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
         warnings |= {f"{trial.name} {check}": f"{trial.path.name}: {line}" for check, line in doubts.items()}
         for check, line in body_warnings(case, trial.grouped, trial.aligned if trial.has_scale else None).items():
             warnings.setdefault(check, line)
-    return (*warnings.values(), *beside({trial.name: trial.aligned for trial in trials if trial.aligned is not None}))
+    aligned = {trial.name: trial.aligned for trial in trials if trial.aligned is not None}
+    return (*warnings.values(), *copies({trial.name: trial.recording for trial in trials}), *exchanged(aligned))

@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 import time as clock
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -19,15 +19,18 @@ from pliant.identification import Experiment
 from pliant.identification.fit import check_identifiable, first_problem, parameters_from, starts_of
 from pliant.selection.first_model import beginning
 from pliant.selection.search import MINUTES
+from pliant.study.draft_tables import down
 from pliant.study.inspected import Inspected
 from pliant.study.prepare import without
 from pliant.study.run import prepare_all
 from pliant.study.schema import Study, load_study
 from pliant.study.shorthand import OPEN
-from pliant.study.trial import Trial, body_length
+from pliant.study.trial import Trial, body_length, farthest
 
 LENGTH, DENSITY, SLENDER, LEVER = 0.2, 1100.0, 10.0, 0.01  # m; kg/m^3; length over diameter; m
-LEVEL_KPA = 30.0
+LEVEL_KPA, PAYLOAD = 30.0, 0.02  # kPa, kg
+BEHIND = (0.9, 0.8, 0.7, 0.6, 0.5)  # of the length, from an assumed base to the last station
+REACH = 1.05  # length of an assumed body over the largest distance that its last station has from the base
 SEARCH = 800.0  # derivatives of the first model take as long as a search of terms; 600 to 1200 on bundled recordings
 POSES, SECONDS, FRAMES = 40, 15.0, 50  # settled poses of a file, and seconds of a motion, that a check uses
 QUICK_S = 5.0  # a first step that is shorter is repeated, so that the compilation of its kernels is not in the forecast
@@ -44,21 +47,25 @@ class DraftCheck(NamedTuple):
         Forecast of the time of a run; None if it cannot be run.
     assumed : tuple of str
         Names of the entries for which a value was assumed.
+    dropped : tuple of str
+        A sentence for each recording that the run leaves out.
     """
 
     problem: str
     seconds: float | None
     assumed: tuple[str, ...]
+    dropped: tuple[str, ...] = ()
 
 
 def check_draft(text: str, folder: Path, inspected: Inspected) -> DraftCheck:
     """Prepare the study with the content `text`, whose files are relative to `folder`, and take one step of its first
     fit. Open questions are answered by assumed values.
     """
-    content = tomllib.loads(text)
-    content, assumed = answered(content, inspected)
     if inspected.first.asks_inputs:
-        return DraftCheck("name the columns of the inputs in [mapping]", None, assumed)
+        return DraftCheck("its table does not show which columns are the inputs", None, ())
+    if inspected.without_cause:
+        return DraftCheck("nothing in its recordings shows what moves the body", None, ())
+    content, assumed = answered(tomllib.loads(text), inspected)
     content["folder"] = str(folder.resolve())
     began = clock.perf_counter()
     try:
@@ -66,17 +73,17 @@ def check_draft(text: str, folder: Path, inspected: Inspected) -> DraftCheck:
             path = Path(place) / f"{content['name']}.json"
             path.write_text(json.dumps(content), encoding="utf-8")
             study = load_study(path)
-        step = first_step(study, whole=not assumed)
+        step, dropped = first_step(study, whole=not assumed)
     except PliantError as error:
         return DraftCheck(str(error).replace(str(path), "the study"), None, assumed)
     fitting = min(SEARCH * step, 60 * MINUTES)
-    return DraftCheck("", clock.perf_counter() - began + fitting, assumed)
+    return DraftCheck("", clock.perf_counter() - began + fitting, assumed, dropped)
 
 
-def first_step(study: Study, *, whole: bool) -> float:
+def first_step(study: Study, *, whole: bool) -> tuple[float, tuple[str, ...]]:
     """Prepare a study, find the start values of the fit with which its model selection begins, and compute its first
-    derivatives. Return the time that these derivatives take [s]; of long recordings a part is used, and the time is
-    extrapolated.
+    derivatives. Return the time that these derivatives take [s], and a sentence for each recording that is left out. Of
+    long recordings a part is used, and the time is extrapolated.
 
     Raises
     ------
@@ -101,7 +108,7 @@ def first_step(study: Study, *, whole: bool) -> float:
         step = clock.perf_counter() - began
         if step > QUICK_S:
             break
-    return step / float(np.mean(parts))
+    return step / float(np.mean(parts)), tuple(ready.dropped.values())
 
 
 def shortened(exp: Experiment) -> tuple[Experiment, float]:
@@ -124,7 +131,7 @@ def answered(content: Mapping[str, Any], inspected: Inspected) -> tuple[dict[str
     """
     filled: dict[str, Any] = json.loads(json.dumps(content))
     assumed: list[str] = []
-    fill(filled, "", assumed_values(filled, inspected.first), assumed)
+    fill(filled, "", assumed_values(filled, inspected), assumed)
     for k, (name, entry) in enumerate(filled["recordings"].items()):
         for one in entry.get("inputs", {}):
             if f"recordings.{name}.inputs.{one}" in assumed:
@@ -132,18 +139,24 @@ def answered(content: Mapping[str, Any], inspected: Inspected) -> tuple[dict[str
     return filled, tuple(dict.fromkeys(assumed))
 
 
-def assumed_values(content: Mapping[str, Any], trial: Trial) -> dict[str, Any]:
-    """Return the values to assume, by the path of the entry or by its last name."""
-    length = content["actuator"].get("length")
-    length = (body_length(trial) or spread(trial)) if length in (None, OPEN) else length
-    tangent = direction(trial)
+def assumed_values(content: Mapping[str, Any], inspected: Inspected) -> dict[str, Any]:
+    """Return the values to assume, by the path of the entry or by its last name. An assumed body reaches every place at
+    which the recordings show its last station.
+    """
+    trial = inspected.first
+    stated = content["actuator"].get("length")
+    tangent, known = direction(inspected.trials), stated not in (None, OPEN)
+    length = stated if known else farthest(inspected.trials) or body_length(trial) or spread(trial)
+    base, reach = unseen_base(inspected.trials, tangent, length)
+    if not known:
+        length = REACH * max(length, reach)
     values = {
         "actuator.length": length, "actuator.mass": DENSITY * np.pi / 4 * (length / SLENDER) ** 2 * length,
         "actuator.gravity": [0.0, 0.0, 0.0], "fibre.body_length": length,
-        "alignment.options.tangent": tangent, "alignment.options.origin": origin(trial, tangent, length),
+        "alignment.options.tangent": tangent, "alignment.options.origin": base,
         "camera.rate_hz": 30.0, "camera.pixels_per_mm": 1.0, "mapping.angle_unit": "deg",
         "mapping.pressure_unit": "kPa", "driven_by": "tension", "lever": LEVER, "pulley": 2 * LEVER,
-        "nominal_pressure": LEVEL_KPA,
+        "nominal_pressure": LEVEL_KPA, "tip_mass": PAYLOAD, "stop": length,
     }  # fmt: skip
     guess = trial.guess
     return values | ({f"mapping.{name}": guess.neutral[name] for name in guess.questions} if guess else {})
@@ -172,18 +185,40 @@ def spread(trial: Trial) -> float:
     return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum()) * len(place) / max(len(place) - 1, 1) or LENGTH
 
 
-def direction(trial: Trial) -> list[float]:
-    """Return the axis of the tracker along which the last station moves least, downwards, as the base tangent."""
+def direction(trials: Sequence[Trial]) -> list[float]:
+    """Return as the base tangent the axis of the tracker that is nearest to the direction from the first to the last
+    station. If a single point was tracked, it is the axis along which that point moves least, and from most of its
+    places towards the mean: a body that bends to all sides draws its tip back along its axis.
+    """
+    trial = trials[0]
     if trial.angles_only or trial.recording.attrs["frame"] != "tracker":
         return [0.0, 1.0]
-    tip = trial.recording["position"].values[:, -1]
-    k = int(np.argmin(np.nanstd(tip, axis=0)))
-    return [float(-1.0 if j == k else 0.0) for j in range(3)]
+    if (hang := down(trials)) is not None:
+        return [x / 9.81 for x in hang]
+    tip = tips(trials)
+    k = int(np.argmin(tip.std(axis=0)))
+    sign = 1.0 if np.median(tip[:, k]) > tip[:, k].mean() else -1.0
+    return [sign if j == k else 0.0 for j in range(3)]
 
 
-def origin(trial: Trial, tangent: list[float], length: float) -> list[float]:
-    """Return a base from which the last station, where it begins, is 90 % of the length away."""
-    if trial.angles_only or trial.recording.attrs["frame"] != "tracker":
-        return [0.0, 0.0, 0.0]
-    tip = np.nanmedian(trial.recording["position"].values[:10, -1], axis=0)
-    return [float(x) for x in tip - 0.9 * length * np.array(tangent)]
+def tips(trials: Sequence[Trial]) -> np.ndarray:
+    """Return the known positions (T, 3) [m] of the last station in all recordings without a tracked base."""
+    tip = np.concatenate([one.grouped["position"].values[:, -1] for one in trials])
+    return tip[np.isfinite(tip).all(axis=1)]
+
+
+def unseen_base(trials: Sequence[Trial], tangent: Sequence[float], length: float) -> tuple[list[float], float]:
+    """Return the origin [m] of a base that was not tracked, and the largest distance [m] of the last station from it.
+
+    The origin lies behind the place of the last station that is farthest along the tangent, by most of the length that
+    lets a body of this length reach all places.
+    """
+    if trials[0].angles_only or trials[0].recording.attrs["frame"] != "tracker" or trials[0].options:
+        return [0.0, 0.0, 0.0], 0.0
+    tip, along = tips(trials), np.array(tangent)
+    centre = np.median(tip, axis=0)
+    centre += (np.percentile(tip @ along, 95) - centre @ along) * along
+    bases = [centre - part * length * along for part in BEHIND]
+    reach = [float(np.linalg.norm(tip - base, axis=1).max()) for base in bases]
+    best = next((k for k, far in enumerate(reach) if far <= length), int(np.argmin(reach)))
+    return [float(x) for x in bases[best]], reach[best]

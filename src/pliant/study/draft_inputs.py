@@ -13,14 +13,18 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.recording.inputs import RecordedInput, inputs_at
 from pliant.study.first_reading import several
 from pliant.study.inspected import Inspected
-from pliant.study.kinds import levels_by_name
+from pliant.study.kinds import levels_by_name, named_tension
 from pliant.study.shorthand import OPEN
+from pliant.study.tendon_ends import end_of_bend, even_bend
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial, body_length
 
 LINKS = 5
+LINE_STIFFNESS = 1000.0  # N/m
+OF_ONE_SEGMENT = 4  # tendons; more bend several segments, and end at different positions along the body
 FEWEST_SHOWING = 3  # stations with the base: so few can always be explained by the bend of some part
 MUCH_BETTER = 0.5  # a bend of a part is used if its squared error is below this fraction of an even bend's
+TOGETHER = 0.1  # singular values below this fraction of the largest: the inputs were driven together
 EITHER_WAY = 0.1  # an input that falls below minus this fraction of its maximum has both signs
 
 
@@ -30,7 +34,7 @@ def inputs(out: Lines, inspected: Inspected) -> None:
         inputs_of_poses(out, inspected)
     elif inspected.space:
         chambers(out, inspected)
-        tendons(out, inspected.first_aligned)
+        tendons(out, inspected)
     else:
         chambers_in_plane(out, inspected)
 
@@ -45,15 +49,17 @@ def input_names(inspected: Inspected) -> list[str]:
 def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
     """Write the inputs of settled poses that the names of the files state, as chambers if they are pressures."""
     levels = levels_by_name(inspected.trials).values()
-    pressures = all(value != OPEN for one in levels for value in one.values())
+    known = all(value != OPEN for one in levels for value in one.values())
+    tensions = known and named_tension(inspected.first) is not None
     for name in input_names(inspected):
-        if pressures:
+        if known and not tensions:
             out.item("actuator.chambers", name)
             out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
             continue
         out.item("actuator.tendons", name)
         azimuth_of(out, azimuth_of_poses(inspected, name))
-        out.ask("driven_by", "tension, displacement or angle of its motor; a pressure chamber is [[actuator.chambers]]")
+        out.ask("driven_by", "tension, displacement or angle of its motor; a pressure chamber is [[actuator.chambers]]",
+                "tension" if tensions else None, "N, as the names of the files say")
         out.ask("lever", "m, distance of the tendons from the axis")
 
 
@@ -105,10 +111,12 @@ def chambers(out: Lines, inspected: Inspected) -> None:
         azimuth_of(out, round(degrees[several(trial.recording).index(channel)]) if shown else None)
 
 
-def tendons(out: Lines, trial: Trial) -> None:
+def tendons(out: Lines, inspected: Inspected) -> None:
     """Write the tendons of a body in space, with the azimuth and the joints that the recording shows for each."""
+    trial = inspected.first_aligned
     if not trial.tendon_inputs:
         return
+    slack = can_be_slack(inspected)
     ends = [] if trial.aligned is None else tendon_ends(trial.aligned)[-len(trial.tendon_inputs) :]
     for k, one in enumerate(trial.tendon_inputs):
         out.item("actuator.tendons", one.name)
@@ -116,13 +124,16 @@ def tendons(out: Lines, trial: Trial) -> None:
         azimuth_of(out, round(ends[k][0]) if ends else None)
         if ends and len(passed := joints_up_to(ends[k][1], body_length(trial))) < LINKS:
             out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
+        if trial.tracks_one_body and len(trial.tendon_inputs) > OF_ONE_SEGMENT:
+            out.ask("stop", "m from the base, where it ends: a single tracked body does not show it")
         out.ask("lever", "m, distance of the tendons from the axis")
         if one.kind == "angle":
             out.ask("pulley", "m, radius of the motors' pulleys")
-            pair_entry(out, one)
-        if not k and one.kind != "tension":
-            out.say("line_stiffness = 1000  (N/m, tendon with its mounts: the motion shows only its ratio to the "
-                    "body's stiffness)")
+        if both_ways(one) and one.kind != "tension" and one.name not in slack:
+            out.put("pair", True, "its motor turns both ways: two opposite tendons; false for one that can be slack")
+        if one.kind != "tension":
+            out.put("line_stiffness", LINE_STIFFNESS, "N/m, tendon with its mounts, assumed and never fitted: under a "
+                    "displacement the motion shows only ratios of stiffnesses")
 
 
 def azimuth_of(out: Lines, azimuth: int | None) -> None:
@@ -131,11 +142,30 @@ def azimuth_of(out: Lines, azimuth: int | None) -> None:
         out.put("azimuth_deg", azimuth, "around the axis, from x towards y of the base frame, as the stations move")
 
 
-def pair_entry(out: Lines, one: RecordedInput) -> None:
-    """Write `pair = true` if the input of a tendon takes both signs: its motor pulls two opposite tendons."""
+def both_ways(one: RecordedInput) -> bool:
+    """Return whether an input takes both signs."""
     values = one.values[np.isfinite(one.values)]
-    if values.min(initial=0.0) < -EITHER_WAY * values.max(initial=0.0):
-        out.put("pair", True, "its motor turns both ways: two opposite tendons; false for one that can be slack")
+    return bool(values.min(initial=0.0) < -EITHER_WAY * values.max(initial=0.0))
+
+
+def can_be_slack(inspected: Inspected) -> list[str]:
+    """Return the names of the displacements of both signs, if the last station moves more like their positive parts
+    than like themselves: tendons that were let out hang slack. Settled poses show it; a motor that turns is taken as
+    one with two opposite tendons.
+    """
+    names = [one.name for one in inspected.first.tendon_inputs if one.kind == "displacement" and both_ways(one)]
+    if not names or not inspected.poses:
+        return []
+    error = np.zeros(2)
+    for trial in inspected.trials:
+        tip = trial.recording["position"].values[:, -1]
+        inputs = inputs_at(trial.recording, trial.recording["time"].values)
+        known = np.isfinite(tip).all(axis=1) & np.isfinite(inputs).all(axis=1)
+        for k, values in enumerate((inputs, np.maximum(inputs, 0.0))):
+            design = np.column_stack([values, np.ones(len(values))])[known]
+            left = tip[known] - design @ np.linalg.lstsq(design, tip[known], rcond=None)[0]
+            error[k] += float((left**2).sum())
+    return names if error[1] < error[0] else []
 
 
 def joints_up_to(end: float, length: float | None) -> list[int]:
@@ -179,15 +209,19 @@ def azimuths(recording: xr.Dataset) -> list[float]:
 
 def sideways(recording: xr.Dataset) -> np.ndarray:
     """Return the displacement of S stations per unit of each of C inputs, (C, S, 1) in a plane or (C, S, 2) in space [m
-    per unit], by least squares. Its components are perpendicular to the base tangent.
+    per unit], by least squares. Its components are perpendicular to the base tangent. Inputs that rise and fall
+    together share what they move, in proportion to their ranges.
     """
     across = without_spikes(recording["position"].values)[..., :-1]
     inputs = inputs_at(recording, recording["time"].values)
-    design = np.column_stack([inputs, np.ones(len(inputs))])
+    sizes = np.nanstd(inputs, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    scaled = (inputs - np.nanmean(inputs, axis=0)) / sizes
+    design = np.column_stack([scaled, np.ones(len(inputs))])
     gain = np.full((inputs.shape[1], *across.shape[1:]), np.nan)
     for s in range(across.shape[1]):
         known = np.isfinite(across[:, s]).all(axis=1) & np.isfinite(inputs).all(axis=1)
-        gain[:, s] = np.linalg.lstsq(design[known], across[known, s], rcond=None)[0][:-1]
+        gain[:, s] = np.linalg.lstsq(design[known], across[known, s], rcond=TOGETHER)[0][:-1] / sizes[:, None]
     return gain
 
 
@@ -220,14 +254,6 @@ def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
     return (best if best[0] < MUCH_BETTER * candidates[0][0] else candidates[0])[1:]
 
 
-def even_bend(height: np.ndarray, begin: float, end: float | np.ndarray) -> np.ndarray:
-    """Return the small sideways displacements [m] of points at the heights (S,) [m] along the base tangent, for a body
-    with a curvature of 1/m between the heights `begin` and `end` [m] that is straight elsewhere.
-    """
-    bent = np.clip(height, begin, end) - begin
-    return np.asarray(bent * (height - begin - 0.5 * bent))
-
-
 def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
     """Return for the tendon of each input its azimuth [degrees] and the height of its end [m]. The height is measured
     along the base tangent at rest.
@@ -241,14 +267,4 @@ def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
         Recording in the base frame, in space, without input 0 in any channel.
     """
     height = np.nanmedian(recording["position"].values[:10, :, 2], axis=0)
-    ends = np.sort(height[height > 0.05 * height.max()])
-    shapes = even_bend(height, 0.0, ends[:, None])  # (E, S)
-    fitted = []
-    for gain in sideways(recording):
-        measured = np.isfinite(gain).all(axis=1)
-        curvature = shapes[:, measured] @ gain[measured] / (shapes[:, measured] ** 2).sum(axis=1)[:, None]  # (E, 2)
-        squared_error = ((gain[measured] - shapes[:, measured, None] * curvature[:, None]) ** 2).sum(axis=(1, 2))
-        best = int(np.argmin(squared_error))
-        towards = curvature[best]
-        fitted.append((float(np.degrees(np.arctan2(towards[1], towards[0])) % 360.0), float(ends[best])))
-    return fitted
+    return [end_of_bend(gain, height) for gain in sideways(recording)]

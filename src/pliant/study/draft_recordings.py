@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,27 +12,41 @@ from pliant.preprocessing.quality import standing_stations
 from pliant.preprocessing.rest import rest_window
 from pliant.recording.typed_steps import held_sentences
 from pliant.study.draft_inputs import channels
-from pliant.study.inspected import Inspected
+from pliant.study.inspected import DIVIDED, LATER, Inspected
 from pliant.study.kinds import Kind, TrialOfDraft
+from pliant.study.shorthand import OPEN
 from pliant.study.toml_text import Lines, key, relative
 from pliant.study.trial import Trial
+from pliant.units import KILOGRAM
 
 REST = 0.05  # of a free decay: its end, taken as rest
+DIVISION: tuple[tuple[str, list[float] | None], ...] = (("", [0.0, DIVIDED]), (LATER, [DIVIDED, 1.0]))
+GRAMS = re.compile(r"(?<![a-z0-9.])(\d+(?:\.\d+)?)[ _-]?(g|kg)(?![a-z0-9])", re.IGNORECASE)
+LOADED = re.compile(r"(?:load|weight|mass)[ _-]?\d+", re.IGNORECASE)
+
 
 def recordings(out: Lines, inspected: Inspected, folder: Path, level: float | None) -> None:
     """Write the tables of all files. Trials that a column of a file numbers have one table."""
     written = set()
     for trial in inspected.trials:
         if trial.file_name not in written:
-            recording(out, trial, inspected, folder, level)
-            channels(out, trial, inspected)
+            divided = inspected.divided and trial.name not in inspected.copied
+            for ending, part in DIVISION if divided else (("", None),):
+                recording(out, trial, inspected, folder, level, ending)
+                if part:
+                    out.put("part", part, "of the file's poses")
+                channels(out, trial, inspected)
         written.add(trial.file_name)
 
 
-def recording(out: Lines, trial: Trial, inspected: Inspected, folder: Path, level: float | None) -> None:
-    """Write the [recordings] table of one file, with a summary of its content and what its kind of experiment needs."""
+def recording(
+    out: Lines, trial: Trial, inspected: Inspected, folder: Path, level: float | None, ending: str = "",
+) -> None:
+    """Write the [recordings] table of one file, with a summary of its content and what its kind of experiment needs.
+    `ending` is that of the table's name.
+    """
     kind, candidate = inspected.kinds[trial.name], TrialOfDraft(trial, inspected.trials, level)
-    out.table(f"recordings.{key(trial.file_name)}")
+    out.table(f"recordings.{key(trial.file_name + ending)}")
     out.say(*trial.quality.summary().splitlines(), kind.evidence(candidate))
     out.put("file", relative(trial.path, folder))
     if trial.log is not None:
@@ -49,15 +64,31 @@ def recording(out: Lines, trial: Trial, inspected: Inspected, folder: Path, leve
             out.put("mapping", {"stations": trial.guess.mapping["stations"]}, "the order of the stations in this file")
     elif trial.mapping:
         out.put("mapping", trial.mapping)
-    if (moving := moving_beside(trial)) is not None:
+    if not kind.poses and (moving := moving_beside(trial)) is not None:
         out.put("stations", moving, "the stations that move, tip last")
     kind.entries(out, candidate)
+    payload(out, trial)
     if "rest" in trial.options:
-        seen = np.isfinite(trial.grouped["position"].values).all(axis=(1, 2))
+        late = int(np.argmax(np.isfinite(trial.grouped["position"].values).all(axis=(1, 2))))
         out.put("alignment", {"options": {"rest": trial.options["rest"]}},
-                f"s: not all stations are labelled in the first {int(np.argmax(seen))} frames, the rest before")
+                f"s: not all stations are labelled in the first {late} frames, the rest before" if late else
+                "s: the motion begins at once, and every later rest is one under pressure")
     elif (rest := stated_rest(trial, kind)) is not None:
         out.put("alignment", {"options": {"rest": rest}}, "s: the body is never at rest; here it is nearest to it")
+
+
+def payload(out: Lines, trial: Trial) -> None:
+    """Write the additional mass at the tip that the name of the file states, such as 100g, or ask for its unit if the
+    name states a number alone, such as load52.
+    """
+    name, meaning = trial.path.stem, "kg, additional mass at the tip: the name of the file"
+    if stated := GRAMS.search(name):
+        mass = float(stated[1]) * KILOGRAM[stated[2].lower()]
+        if mass:
+            out.put("known", {"tip_mass": mass}, f"{meaning} says {stated[0]}")
+    elif LOADED.search(name):
+        out.put("known", {"tip_mass": OPEN}, f"{meaning} is {name}; 0 for none")
+        out.questions.append("tip_mass: kg, additional mass at the tip that the name of a file states")
 
 
 def stated_rest(trial: Trial, kind: Kind) -> list[float] | None:

@@ -11,7 +11,7 @@ from pliant.study.draft_inputs import LINKS
 from pliant.study.inspected import Inspected
 from pliant.study.shorthand import OPEN
 from pliant.study.toml_text import Lines
-from pliant.study.trial import Trial, body_length
+from pliant.study.trial import Trial, farthest, longest_rest
 
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 
@@ -25,18 +25,21 @@ def camera(out: Lines, trials: Sequence[Trial]) -> None:
     out.ask("pixels_per_mm", "or state scale, plane or board instead: see docs/your_own_data.md")
 
 
-def mapping_table(out: Lines, trials: Sequence[Trial]) -> None:
+def mapping_table(out: Lines, inspected: Inspected) -> None:
     """Write the [mapping] table: the proposed columns of tables that nobody described, or open questions for the units
-    of angle and pressure that no file states.
+    of angle and pressure that no file states. The times of settled poses have no effect, so that nobody is asked for
+    their rate.
     """
-    guess = trials[0].guess
+    trials, guess = inspected.trials, inspected.first.guess
     if guess is not None:
         out.table("mapping")
         out.say("proposed from names, units, ranges and integer steps of the columns: check it", *guess.notes)
         for name, value in guess.mapping.items():
             if name == "stations":
                 continue
-            if name in guess.questions:
+            if name == "rate_hz" and inspected.poses and value == OPEN:
+                out.put(name, 1.0, "the rows are settled poses, whose times have no effect")
+            elif name in guess.questions:
                 out.ask(name, guess.questions[name], None if value == OPEN else value, guess.questions[name])
             else:
                 out.put(name, value)
@@ -56,15 +59,18 @@ def mapping_table(out: Lines, trials: Sequence[Trial]) -> None:
 
 
 def actuator(
-    out: Lines, trial: Trial, length: float | None, mass: float | None, diameter: float | None = None
+    out: Lines, inspected: Inspected, length: float | None, mass: float | None, diameter: float | None = None
 ) -> None:
     """Write the [actuator] table: length, mass, diameter, number of links and tip mass."""
     out.table("actuator")
-    comment = "m, as you stated"
-    if length is None and (length := body_length(trial)) is not None:
+    trial, comment, question = inspected.first, "m, as you stated", "m, of the part that bends"
+    if length is None and inspected.poses and not trial.dense:
+        longest = farthest(inspected.trials)
+        question += f": no pose shows the body at rest; the farthest reaches {longest:.3g} m" if longest else ""
+    elif length is None and (rest := longest_rest(inspected.trials)) is not None:
         along = "along the stations" if trial.dense else "from base to tip at rest"
-        comment = f"m, {along} in {trial.path.name}: correct it if you measured it"
-    out.ask("length", "m, of the part that bends", length, comment)
+        length, comment = rest[0], f"m, {along} in {rest[1].path.name}: correct it if you measured it"
+    out.ask("length", question, length, comment)
     out.ask("mass", "kg, of the part that bends: weigh it, or density times volume; stiffness, damping and torque scale"
             " with it",
             mass, "kg, as you stated")
@@ -98,36 +104,47 @@ def space_entry(out: Lines, inspected: Inspected) -> None:
 
 
 def weight(out: Lines, inspected: Inspected, gravity: Sequence[float] | None) -> None:
-    """Write the entry for gravity: the stated value; an open question if the body is released, since its weight may
-    drive the motion; otherwise a proposal as a comment.
+    """Write the entry for gravity: the stated value; an open question in space, where no body lies flat, or if the body
+    is released, since its weight may drive the motion; otherwise a proposal as a comment.
     """
     trials = inspected.trials
-    if inspected.excited_by("release") or gravity is not None:
-        out.ask("gravity", f"m/s^2 in the axes of the tracker; {hanging(trials)}: it moves the released body",
-                None if gravity is None else [float(g) for g in gravity], "m/s^2 in the axes of the tracker")
+    released = inspected.excited_by("release")
+    stated = None if gravity is None else [float(g) for g in gravity]
+    if stated is not None or released or (inspected.space and trials[0].recording.attrs["frame"] == "tracker"):
+        reason = ": it moves the released body" if released else "; [0.0, 0.0, 0.0] if the weight has no effect"
+        out.ask("gravity", f"m/s^2 in the axes of the tracker; {hanging(trials)}{reason}", stated,
+                "m/s^2 in the axes of the tracker")
     else:
         axes = "m/s^2, x and y of the base frame, +y along the base" if trials[0].angles_only else \
             f"m/s^2 in the axes of the tracker; {hanging(trials)}"
-        out.say(f"gravity = {down(trials)}  ({axes}; needed unless the body lies flat)")
+        out.say(f"gravity = {down(trials) or [0.0, 0.0, -9.81]}  ({axes}; needed unless the body lies flat)")
 
 
-def down(trials: Sequence[Trial]) -> list[float]:
+def down(trials: Sequence[Trial]) -> list[float] | None:
     """Return the gravity vector [m/s^2] of a body that hangs at rest, along the tracker's axis nearest to the base
-    tangent.
+    tangent or, if the base is unknown, to the direction from the first to the last station; None if a single point was
+    tracked.
 
     For recordings of angles alone the direction is +y of the base frame.
     """
     if trials[0].angles_only:
         return [0.0, 9.81]
     aligned = [trial.aligned for trial in trials if trial.aligned is not None and "alignment" in trial.aligned.attrs]
-    tangent = np.array(alignment_of(aligned[0]).base_tangent if aligned else [0.0, 0.0, -1.0])
+    if aligned:
+        tangent = np.array(alignment_of(aligned[0]).base_tangent)
+    elif (place := trials[0].grouped["position"].values).shape[1] > 1:
+        ends = np.nanmedian(place[:, [0, -1]], axis=0)
+        tangent = ends[1] - ends[0]
+    else:
+        return None
     nearest = int(np.argmax(np.abs(tangent)))
     return [float(9.81 * np.sign(tangent[k])) if k == nearest else 0.0 for k in range(len(tangent))]
 
 
 def hanging(trials: Sequence[Trial]) -> str:
     """Return the text of a comment with the gravity vector that holds if the body hangs at rest."""
-    return f"{down(trials)} if the body hangs at rest"
+    vector = down(trials)
+    return "[0.0, 0.0, -9.81] if its z axis points up" if vector is None else f"{vector} if the body hangs at rest"
 
 
 def fibre(out: Lines, trial: Trial, length: float | None) -> None:
@@ -148,7 +165,8 @@ def alignment(out: Lines, trial: Trial) -> None:
         return
     if trial.stations:
         out.table("alignment.stations")
-        out.say("each station combines the markers on one rigid part, grouped by their names; base first, tip last")
+        out.say("each station combines the markers on one rigid part, by names or constant distances; base first,",
+                "tip last")
         for name, markers in trial.stations.items():
             out.put(name, markers)
     out.table("alignment.options")
@@ -159,8 +177,11 @@ def alignment(out: Lines, trial: Trial) -> None:
         return
     out.put("base", trial.options["base"])
     tangent = "base tangent from the first stations" if trial.dense else \
+        "the axis nearest to the direction from base to tip; or state another" if "plane" in trial.options else \
         "from base to tip at rest; or state the body's axis in the tracker frame, e.g. \"+x\" or [1.0, 0.0, 0.0]"
     out.put("tangent", trial.options["tangent"], tangent)
+    if "plane" in trial.options:
+        out.put("plane", trial.options["plane"], "x axis of the base frame; azimuths count from it")
     if "undo_jumps" in trial.options:
         out.put("undo_jumps", True, "the orientation of a marker cluster jumps; jumps are counted and corrected")
     if trial.problem:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -12,16 +13,27 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.preprocessing.plausibility.together import alike
 from pliant.study.column_guess import words_of
 from pliant.study.first_reading import several, with_logs
-from pliant.study.kinds import Kind, PoseOfFile, recognised
-from pliant.study.trial import Trial, from_one_side, in_space, inspect_file, inspect_guessed
+from pliant.study.kinds import Kind, PoseOfFile, PoseOfRow, UnrecordedPressure, WithoutCause, recognised
+from pliant.study.trial import (
+    Trial,
+    from_first_frames,
+    from_one_side,
+    in_space,
+    inspect_file,
+    inspect_guessed,
+    on_plates,
+)
 
 Array = np.ndarray
 BASE_STILL = 0.2  # of the largest displacement between files: the station that moves less is the base
 LAST_NUMBER = re.compile(r"[_ .:-]*[A-Za-z]*[_ .:-]*\d+$")
 ALIKE = 0.15  # of the highest pressure: sister channels differ by less (median)
 MOST_ORDERED = 7  # stations beside the base whose orders are all compared
+FEWEST_POSES = 40  # of a file whose later poses are held out
+DIVIDED, LATER = 0.8, "_later"  # fraction of such a file that trains; ending of the other part's name
 TRAINING = {"train", "training"}
 JUDGING = {"test", "testing", "validation", "valid", "val", "eval", "evaluation", "holdout"}
 
@@ -61,9 +73,31 @@ class Inspected:
         """Return whether the recordings are settled poses, so that nothing moves between them."""
         return all(kind.poses for kind in self.kinds.values())
 
+    @property
+    def without_cause(self) -> list[Path]:
+        """Return the files if nothing in any of them shows what moves the body, else []."""
+        unexplained = all(isinstance(kind, WithoutCause) for kind in self.kinds.values())
+        return list(dict.fromkeys(trial.path for trial in self.trials)) if unexplained else []
+
     def excited_by(self, excitation: str) -> bool:
         """Return whether some recording has this excitation."""
         return any(kind.excitation == excitation for kind in self.kinds.values())
+
+    @cached_property
+    def copied(self) -> dict[str, str]:
+        """Return the recordings whose frames are in a longer one, which is named with each: no part of the study."""
+        return {one: other for one, other, _ in alike({trial.name: trial.recording for trial in self.trials})}
+
+    @property
+    def divided(self) -> bool:
+        """Return whether the poses of the only recording are divided: the later ones judge."""
+        known = [trial for trial in self.trials if trial.name not in self.copied]
+        return len(known) == 1 and isinstance(self.kinds[known[0].name], PoseOfRow) and (
+            int(known[0].recording.sizes["time"]) >= FEWEST_POSES)
+
+    def training(self) -> list[str]:
+        """Return the names of the recordings that train: all but the held-out ones and copies."""
+        return [trial.name for trial in self.trials if trial.name not in {*self.held_out(), *self.copied}]
 
     def held_out(self) -> list[str]:
         """Return the names of the recordings to hold out for validation; [] if there is only one recording.
@@ -73,12 +107,13 @@ class Inspected:
         peak displacement decides instead. If only some recordings drive several chambers together, one of these is held
         out, so that the fit has the effect of each chamber alone.
         """
-        if named := held_out_by_name(self.trials):
+        known = [trial for trial in self.trials if trial.name not in self.copied]
+        if named := held_out_by_name(known):
             return named
-        if len(self.trials) < 2:
+        if len(known) < 2:
             return []
-        together = [trial for trial in self.trials if len(trial.chambers) > 1]
-        trials = together if len(together) < len(self.trials) and together else self.trials
+        together = [trial for trial in known if len(trial.chambers) > 1]
+        trials = together if len(together) < len(known) and together else known
         if any(isinstance(kind, PoseOfFile) for kind in self.kinds.values()):
             tips = np.array([np.nanmedian(trial.last_motion, axis=0) for trial in trials])
             size = dict(zip((t.name for t in trials), np.linalg.norm(tips - tips.mean(axis=0), axis=1), strict=True))
@@ -115,9 +150,11 @@ def inspect_all(
     names = [trial.name for trial in trials]
     if not names or len(set(names)) < len(names):
         raise InputError(f"a study needs recordings with different file names, got {', '.join(names) or 'none'}")
+    trials = on_plates(trials)
     kinds = recognised(trials)
     if all(isinstance(kind, PoseOfFile) for kind in kinds.values()):
         trials = in_one_order(trials)
+    trials = [from_first_frames(t) if isinstance(kinds[t.name], UnrecordedPressure) else t for t in trials]
     poses = any(kind.poses for kind in kinds.values())
     shown = poses or any(trial.spatial or trial.tendon_inputs for trial in trials)
     spatial = shown if space is None else space

@@ -22,12 +22,17 @@ from pliant.study.trial import LEVEL, RETURNED, Trial
 Array = np.ndarray
 STILL = 0.05  # of the displacement between files: a file whose stations move less holds one pose
 APART_S = 0.3  # s between rows (median): a soft body has settled before the next row
+MANY_POSES = 300  # of a file, that determine a model as well as all of them
 JUMP = 0.1  # of the spread of the tip: rows of settled poses differ by more (root mean square)
 ROUGH = 0.8  # change of successive steps over the steps: rows without a motion between them, if no time is known
 FRACTION, FEWEST = 0.02, 500  # of the motion that thinning may lose, and the frames that it leaves
 SWITCHING = 0.08  # of the duration in which inputs may be switched on
 NEARLY = 0.95  # of the lowest value that an input has later: it is on
 ZERO = 0.03  # of an input's highest value, below which it is off
+GOES_ON = 0.5  # of the largest spread of a quarter of a recording: the body moves in the others too
+GROWS = 1.05  # largest displacement of a quarter over that of the quarter before: no vibration that decays
+FEWEST_MOVING = 40  # frames that show how a motion goes on
+TENSION = re.compile(r"(?<![A-Za-z0-9.])(\d+(?:\.\d+)?)[ _-]?N(?![A-Za-z0-9])")
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
 
@@ -91,7 +96,14 @@ UNIT_OF_INPUTS = "value of the input that the name of each file states, in N, m,
 def levels_comment(trial: Trial, levels: Mapping[str, float | str]) -> str:
     """Return the comment beside the levels of a settled pose."""
     source = f"the name of the file is {trial.path.stem}"
-    return f"{UNIT_OF_INPUTS}: {source}" if "?" in levels.values() else f"Pa, {source}"
+    unit = "N" if named_tension(trial) is not None else "Pa"
+    return f"{UNIT_OF_INPUTS}: {source}" if "?" in levels.values() else f"{unit}, {source}"
+
+
+def named_tension(trial: Trial) -> float | None:
+    """Return the tension [N] that the name of a file states, such as m1_2.5N; None if it states none."""
+    named = TENSION.search(trial.path.stem)
+    return float(named[1]) if named else None
 
 
 def moving_inputs(trial: Trial) -> bool:
@@ -101,7 +113,8 @@ def moving_inputs(trial: Trial) -> bool:
 
 def levels_by_name(trials: Sequence[Trial]) -> dict[str, dict[str, float | str]]:
     """Return the value of each input for each recording, as far as the file names state it: a pressure such as 30kPa
-    [Pa], else "?". A part of the names that few values share, such as m1 and m2, names the inputs; the others are 0.
+    [Pa] or a tension such as 2N [N], else "?". A part of the names that few values share, such as m1 and m2, names the
+    inputs; the others are 0.
     """
     parts = [trial.path.stem.split("_") for trial in trials]
     width = min(len(p) for p in parts)
@@ -111,7 +124,7 @@ def levels_by_name(trials: Sequence[Trial]) -> dict[str, dict[str, float | str]]
     names = list(dict.fromkeys(labels))
     levels: dict[str, dict[str, float | str]] = {}
     for trial, label in zip(trials, labels, strict=True):
-        known = trial.highest_pa if LEVEL.search(trial.path.stem) else None
+        known = trial.highest_pa if LEVEL.search(trial.path.stem) else named_tension(trial)
         levels[trial.name] = {name: 0.0 if name != label else "?" if known is None else known for name in names}
     return levels
 
@@ -143,6 +156,9 @@ class PoseOfRow(Kind):
     def entries(self, out: Lines, one: TrialOfDraft) -> None:
         """Write that each row is a pose."""
         out.put("poses", True, f"{self.evidence(one)}; remove this line if they follow a motion")
+        count = int(one.trial.recording.sizes["time"])
+        if (every := count // MANY_POSES) > 1:
+            out.put("every", every, f"{-(-count // every)} of {count} poses are used; remove this line to use all")
 
 
 class MeasuredInputs(Kind):
@@ -169,6 +185,24 @@ class MeasuredInputs(Kind):
         if (warm_up := switched_on(one.trial)) is not None:
             out.put("warm_up", warm_up, "s: all inputs are switched on in this time, and none goes back to zero; the "
                     "body begins wherever it was left, so that this time is simulated but not compared")
+
+
+class WithoutCause(Kind):
+    """A motion that goes on to the end of the recording, with nothing recorded that moves the body."""
+
+    measured = False
+
+    def evidence(self, one: TrialOfDraft) -> str:
+        """Return a sentence if no input is known and the motion of the last station neither rests nor decays."""
+        if one.trial.highest_pa is not None or one.level is not None:
+            return ""
+        goes_on = "no input was recorded, and the motion goes on to the end: no pulse and no free decay"
+        return goes_on if never_ends(one.trial.last_motion) else ""
+
+    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+        """Write what is missing."""
+        del one
+        out.say('what moved the body? pressure_file = "..." names the log of its inputs')
 
 
 class FreeDecay(Kind):
@@ -235,7 +269,8 @@ class PressurePulse(UnrecordedPressure):
         return f"no input was recorded, and the body returns: a pulse of pressure{size}"
 
 
-KINDS: tuple[Kind, ...] = (PoseOfFile(), PoseOfRow(), MeasuredInputs(), FreeDecay(), PressureStep(), PressurePulse())
+KINDS: tuple[Kind, ...] = (PoseOfFile(), PoseOfRow(), MeasuredInputs(), WithoutCause(), FreeDecay(), PressureStep(),
+                           PressurePulse())  # fmt: skip
 
 
 def recognised(trials: Sequence[Trial]) -> dict[str, Kind]:
@@ -254,6 +289,20 @@ def pulled_aside(trial: Trial) -> bool:
     base = [str(s) for s in recording["station"].values].index(trial.base) if trial.options else 0
     chord = np.linalg.norm(place[:, -1] - place[:, base], axis=-1)
     return bool(np.nanmedian(chord[:5]) < np.nanmedian(chord[-max(5, len(chord) // 20):]))
+
+
+def never_ends(motion: Array) -> bool:
+    """Return whether the motion (T, axes) of a point goes on in each of the last three quarters of a recording, and is
+    no vibration that decays from a release.
+    """
+    motion = motion[np.isfinite(motion).all(axis=-1)]
+    if len(motion) < FEWEST_MOVING or not np.ptp(motion, axis=0).any():
+        return False
+    quarters = np.array_split(motion, 4)
+    spread = [float(np.sqrt(np.mean((part - part.mean(axis=0)) ** 2))) for part in quarters]
+    away = [float(np.linalg.norm(part - motion.mean(axis=0), axis=1).max()) for part in quarters]
+    decays = max(away[2] / away[1], away[3] / away[2]) < GROWS
+    return bool(min(spread[1:]) > GOES_ON * max(spread) and not decays)
 
 
 def returned(trial: Trial) -> bool:

@@ -266,7 +266,7 @@ def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experime
     """
     entry: Recording = study.recordings[name]
     base = alignment_of(recording).base if "alignment" in recording.attrs else "base"
-    stations = entry.stations or moving_stations(name, recording, base)
+    stations = entry.stations or moving_stations(name, recording, base, settled=bool(entry.poses))
     full = experiment(
         name, recording, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
         angles=entry.angles, held=entry.held, forces=known_forces(entry, recording),
@@ -276,13 +276,14 @@ def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experime
     return full.thinned(entry.every) if entry.every > 1 else full
 
 
-def moving_stations(name: str, recording: xr.Dataset, base: str) -> list[str]:
+def moving_stations(name: str, recording: xr.Dataset, base: str, *, settled: bool = False) -> list[str]:
     """Return the names of all stations but the base; all stations if angles alone were recorded.
 
-    Raises InputError if one of a few stations does not move, since that one may be the base.
+    Raises InputError if one of a few stations does not move, since that one may be the base. In a recording of settled
+    poses any station may stay where it is.
     """
     stations = [str(s) for s in recording.station.values if str(s) != base]
-    if "position" not in recording:
+    if "position" not in recording or settled:
         return stations
     still = [s for s in standing_stations(recording) if s in stations]
     if still and len(still) < len(stations) < DENSE_STATIONS:

@@ -29,16 +29,15 @@ from pliant.study.column_guess import TableGuess
 from pliant.study.doubts import unit_warning_first
 from pliant.study.first_reading import FirstReading, WithLog, read_or_guess, several
 from pliant.study.later_rest import later_rest
+from pliant.study.plates import RIGID_M, UNNAMED, rigid, rigid_clusters
 from pliant.units import PASCAL, pascal_per
 
 LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
-NUMBERED = re.compile(r"(.*?)[ _.:-]*\d+")  # "Tip - 1" belongs to "Tip"
-UNNAMED = re.compile(r"s\d+")  # names of stations that have none in the file
-RIGID_SHARE, RIGID_M = 0.02, 1e-3  # permitted change of distances within a rigid part, relative and in metres
-LINE = 0.15  # markers narrower than this fraction of their length lie along a body, not on a plate
+MOVED_PLATE = 5.0  # of RIGID_M: a plate that moves farther shows that its markers keep their distances
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
 DRIVEN = 0.05  # of the widest pressure range: a pressure with a smaller range drives nothing
 NO_BASE = "no station shows where the base is: state origin and tangent"
+FIRST_FRAMES = 5  # in which a body that is moved at once is still at rest
 RETURNED = 0.3  # of the peak displacement: a body that ends below this has returned
 
 
@@ -300,6 +299,21 @@ def with_alignment(trial: Trial, *, space: bool = False, rest: tuple[float, floa
         return replace(trial, aligned=None, problem=str(error))
 
 
+def from_first_frames(trial: Trial) -> Trial:
+    """Return the trial with its first frames as the rest, if it has rests only after its motion, as where a recording
+    begins with the inflation and ends before the pressure falls.
+    """
+    if trial.aligned is None or "alignment" not in trial.aligned.attrs or "rest" in trial.options:
+        return trial
+    time, motion = trial.recording["time"].values, trial.last_motion
+    away = np.linalg.norm(motion - np.nanmedian(motion[:FIRST_FRAMES], axis=0), axis=-1)
+    begin = alignment_of(trial.aligned).rest_s[0]
+    if not np.nanmedian(away[(time >= begin)][:FIRST_FRAMES]) > RETURNED * np.nanmax(away):
+        return trial
+    rest = [round(float(time[0]), 3), round(float(time[min(FIRST_FRAMES, len(time) - 1)]), 3)]
+    return with_alignment(replace(trial, options={**trial.options, "rest": rest}))
+
+
 def in_space(trial: Trial, *, settled: bool = False) -> Trial:
     """Return the trial with its recording aligned in space; a settled one is at rest from begin to end.
 
@@ -350,61 +364,34 @@ def off_curve(motion: np.ndarray) -> float:
     return float(np.sqrt(np.mean(left**2) / np.mean((away**2).sum(axis=1))))
 
 
-def clusters(names: Sequence[str]) -> dict[str, list[str]]:
-    """Group the names of markers that belong to one rigid part, with the base first: ``Tip - 1``, ``Tip - 2``, ... form
-    the group ``tip``.
-
-    The result is empty unless there are at least two groups, one of them with three markers or more.
+def two_plates(trials: Sequence[Trial]) -> dict[str, list[str]]:
+    """Return the markers of a base plate that stands still and of a tip plate that moves, if the markers of all
+    recordings have no names and are on these two: at least three on each, at constant distances in all recordings,
+    though the tip plate moves much more than they change. Empty otherwise.
     """
-    groups: dict[str, list[str]] = {}
-    for name in names:
-        match = NUMBERED.fullmatch(name)
-        label = re.sub(r"[^a-z0-9]+", "_", (match[1] if match and match[1] else name).lower()).strip("_")
-        groups.setdefault(label or name, []).append(name)
-    if len(groups) < 2 or max(map(len, groups.values())) < 3:
+    names = [str(s) for s in trials[0].recording["station"].values]
+    for trial in trials:
+        unnamed = trial.guess.numbered if trial.guess else all(UNNAMED.fullmatch(name) for name in names)
+        if trial.angles_only or trial.recording.attrs["frame"] != "tracker" or not unnamed:
+            return {}
+        if trial.stations or trial.dense or [str(s) for s in trial.recording["station"].values] != names:
+            return {}
+    base = [n for n in names if all(n in trial.quality.standing for trial in trials)]
+    tip = [n for n in names if n not in base]
+    widest = max(trial.peak_motion for trial in trials)
+    if min(len(base), len(tip)) < 3 or widest < MOVED_PLATE * RIGID_M:
         return {}
-    return dict(sorted(groups.items(), key=lambda item: "base" not in item[0]))
+    plates = all(rigid(trial.recording, plate) for trial in trials for plate in (base, tip))
+    return {"base": base, "tip": tip} if plates else {}
 
 
-def one_body(names: Sequence[str]) -> dict[str, list[str]]:
-    """Return one group of all markers if their names differ by numbers alone, such as ``Tip - 1``, ``Tip - 2`` and
-    ``Tip - 3``; otherwise an empty dict. At least three markers are needed. Names such as ``s000`` are given by a
-    reader and say nothing of a plate.
-    """
-    if all(UNNAMED.fullmatch(name) for name in names):
-        return {}
-    labels = {match[1].strip(" _.:-").lower() if (match := NUMBERED.fullmatch(name)) else name for name in names}
-    label = re.sub(r"[^a-z0-9]+", "_", labels.pop()) or "body"
-    return {label: list(names)} if not labels and len(names) >= 3 else {}
-
-
-def rigid_clusters(recording: xr.Dataset) -> dict[str, list[str]]:
-    """Return the groups of markers that can sit on one rigid plate, by their names and distances. Every other marker is
-    a station of its own. All markers may be on one plate, if only one rigid body was tracked.
-
-    The result is empty if no group has more than one marker.
-    """
-    names = [str(s) for s in recording["station"].values]
-    groups = clusters(names) or one_body(names)
-    plates: dict[str, list[str]] = {}
-    for name, markers in groups.items():
-        plate = len(markers) < DENSE_STATIONS and rigid(recording, markers)
-        plates |= {name: markers} if plate else {m: [m] for m in markers}
-    return plates if any(len(markers) > 1 for markers in plates.values()) else {}
-
-
-def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
-    """Return whether markers can sit on one rigid plate: not on a line, and at nearly constant distances."""
-    position = recording["position"].sel(station=list(markers)).values
-    apart = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
-    apart = apart[np.isfinite(apart).all(axis=(1, 2))]
-    if not len(apart):
-        return True  # never visible together: rigidity cannot be tested
-    low, high = np.percentile(apart, [5, 95], axis=0)
-    still = bool((high - low <= np.maximum(RIGID_M, RIGID_SHARE * high)).all())
-    shape = position[np.argmax(np.isfinite(position).all(axis=(1, 2)))]
-    size = np.linalg.svd(shape - shape.mean(axis=0), compute_uv=False)
-    return still and (len(markers) < 3 or bool(size[1] > LINE * size[0]))
+def on_plates(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials with a station for each of two plates, if all their markers are on these; see `two_plates`."""
+    if not (plates := two_plates(trials)):
+        return list(trials)
+    options = [directions(trial.recording, trial.quality, plates, dense=False) for trial in trials]
+    grouped = [replace(t, stations=plates, options=o) for t, o in zip(trials, options, strict=True)]
+    return [with_alignment(trial) for trial in grouped]
 
 
 def directions(
@@ -426,6 +413,20 @@ def directions(
     return options
 
 
+def longest_rest(trials: Sequence[Trial]) -> tuple[float, Trial] | None:
+    """Return the largest length of the body [m] that a recording shows, and this recording; None if none shows it. A
+    recording that begins under pressure shows a bent body, which is shorter.
+    """
+    lengths = [(length, trial) for trial in trials if (length := body_length(trial)) is not None]
+    return max(lengths, key=lambda one: one[0], default=None)
+
+
+def farthest(trials: Sequence[Trial]) -> float | None:
+    """Return the largest distance of a last station from its base [m]; None if no base is known."""
+    away = [np.nanmax(np.linalg.norm(trial.last_motion, axis=1)) for trial in trials if trial.aligned is not None]
+    return float(max(away)) if away else None
+
+
 def body_length(trial: Trial) -> float | None:
     """Return the length of the body [m]: the arc length to the last station or, if arc lengths are unknown, the
     distance from base to tip at rest. Return None if the file does not determine the length.
@@ -434,6 +435,8 @@ def body_length(trial: Trial) -> float | None:
         return None
     if "arc_length" in trial.aligned.coords:
         return float(trial.aligned["arc_length"].values[-1])
-    first = trial.last_motion[:10]
+    begin, end = trial.options.get("rest", (-np.inf, np.inf))
+    time = trial.aligned["time"].values
+    first = trial.last_motion[(time >= begin) & (time <= end)][:10]
     length = float(np.linalg.norm(np.median(first[np.isfinite(first).all(axis=1)], axis=0)))
     return length if np.isfinite(length) else None

@@ -33,13 +33,23 @@ def copies(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
 
     A held-out copy of a training recording validates nothing.
     """
+    for *pair, shared in alike(recordings):
+        one, other = sorted(pair, key=[*recordings].index)
+        yield (f"{one} and {other} hold the same numbers in {shared} frames: is one a copy of the other? Leave the "
+               "copy out: a recording cannot validate a model that was fitted to it")  # fmt: skip
+
+
+def alike(recordings: Mapping[str, xr.Dataset]) -> Iterator[tuple[str, str, int]]:
+    """Yield the names of each pair of recordings that share most frames of the shorter one, and how many they share.
+    The shorter one, or the later of two equal ones, is named first.
+    """
     shapes = {n: r["position" if "position" in r else "angle"].values for n, r in recordings.items()}
     seen = {n: {row.tobytes() for row in s.reshape(len(s), -1) if np.isfinite(row).any()} for n, s in shapes.items()}
-    for one, other in combinations(recordings, 2):
+    for first, second in combinations(recordings, 2):
+        one, other = (first, second) if len(seen[first]) < len(seen[second]) else (second, first)
         shared = len(seen[one] & seen[other])
-        if shared >= max(FEWEST, COPIED * min(len(seen[one]), len(seen[other]))):
-            yield (f"{one} and {other} hold the same numbers in {shared} frames: is one a copy of the other? Leave the "
-                   "copy out: a recording cannot validate a model that was fitted to it")  # fmt: skip
+        if shared >= max(FEWEST, COPIED * len(seen[one])):
+            yield one, other, shared
 
 
 def exchanged(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
