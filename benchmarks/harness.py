@@ -1,7 +1,8 @@
 """Cases of a topic, and the table of their numbers: on the screen, or in the page that shows it.
 
-A case has data, a measure, a peer and goals. `measured` runs the chosen cases of a topic and prints one row of a
-Markdown table for each. With `--write`, the table replaces the one that follows `<!-- TOPIC -->` in docs/benchmarks.md.
+A case measures some data, pliant or a peer, and may have goals. `measured` runs the chosen cases and prints one row of
+a Markdown table for each. With `--write`, the table replaces the one that follows `<!-- TOPIC -->` in
+docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ class Case:
 
     name: str
     measure: Callable[..., Mapping[str, Any]]
-    peer: str = ""
     goals: Mapping[str, tuple[float, bool]] = field(default_factory=dict)
 
 
@@ -59,30 +59,29 @@ def put(topic: str, text: str, page: Path = PAGE) -> None:
     page.write_text(whole, encoding="utf-8")
 
 
-def measured(topic: str, document: str, cases: Sequence[Case], **options: Any) -> None:
-    """Run the cases named on the command line (default all), with one option for each keyword, and show their table.
+def measured(document: str, topics: Mapping[str, Sequence[Case]], **options: Any) -> None:
+    """Run the topics or cases named on the command line (default all), and show a table for each topic.
 
     The keywords are the options that every measure takes, with their defaults.
     """
     parser = argparse.ArgumentParser(description=document, formatter_class=argparse.RawDescriptionHelpFormatter)
-    names = [case.name for case in cases]
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of: {'; '.join(names)}. Default: all")
-    parser.add_argument("--write", action="store_true", help=f"put the table into docs/{PAGE.name}")
+    known = [*topics, *(case.name for cases in topics.values() for case in cases)]
+    parser.add_argument("names", nargs="*", help=f"topics or cases, of: {'; '.join(known)}. Default: all")
+    parser.add_argument("--write", action="store_true", help=f"put the tables into docs/{PAGE.name}")
     for name, default in options.items():
         parser.add_argument(f"--{name}", type=type(default), default=default, help="default: %(default)s")
     given = vars(parser.parse_args())
-    chosen, write = given.pop("cases") or names, given.pop("write")
-    if unknown := [name for name in chosen if name not in names]:
-        parser.error(f"there is no case {unknown[0]!r}: use some of {', '.join(names)}")
-    rows, short = {}, []
-    for case in cases:
-        if case.name in chosen:
-            row = dict(case.measure(**given))
-            rows[case.name + (f", beside {case.peer}" if case.peer else "")] = row
-            short += missed(case, row)
-            print(f"{case.name}: " + ", ".join(f"{k} {as_text(v)}" for k, v in row.items()), flush=True)
-    print("\n" + table(rows))
-    if any(case.goals for case in cases):
-        print("\n".join(short) or "all goals are reached")
-    if write:
-        put(topic, table(rows))
+    names, write = given.pop("names") or list(topics), given.pop("write")
+    if unknown := [name for name in names if name not in known]:
+        parser.error(f"there is no topic or case {unknown[0]!r}: use some of {', '.join(known)}")
+    for topic, cases in topics.items():
+        rows, short = {}, []
+        for case in cases:
+            if topic in names or case.name in names:
+                rows[case.name] = dict(case.measure(**given))
+                short += missed(case, rows[case.name])
+                print(f"{case.name}: " + ", ".join(f"{k} {as_text(v)}" for k, v in rows[case.name].items()), flush=True)
+        if rows:
+            print("\n".join(["", topic, table(rows), *short, ""]))
+        if rows and write:
+            put(topic, table(rows))

@@ -179,5 +179,5 @@ SOURCES: dict[str, Callable[[int], dict[str, float]]] = {
     "in space, unstated": partial(in_space, stated=False),
 }
 if __name__ == "__main__":
-    measured("intervals", __doc__ or "", [Case(name, partial(coverage, source)) for name, source in SOURCES.items()],
-             seeds=100)  # fmt: skip
+    cases = [Case(name, partial(coverage, source)) for name, source in SOURCES.items()]
+    measured(__doc__ or "", {"intervals": cases}, seeds=100)
