@@ -275,12 +275,26 @@ def study_part(name: str) -> Callable[[], str]:
     return rows
 
 
+def checks() -> str:
+    """Every plausibility check: what it examines, and its limits."""
+    from pliant.preprocessing.plausibility.table import table as rows
+
+    return rows()
+
+
+def targets() -> str:
+    """Every part of a model, and the export targets that can express it."""
+    from pliant.exporters.table import table as rows
+
+    return rows()
+
+
 PARTS = {
     "study-body": study_body,
     **{f"study-{name.lower()}": study_part(name)
        for name in ("Valve", "Memory", "Space", "Chamber", "Tendon", "Extension")},
     "commands": commands, "model-file": model_file, "metrics-file": metrics_file, "task-file": task_file,
-    "metrics": metrics, "parameters": parameters, "names": names,
+    "checks": checks, "targets": targets, "metrics": metrics, "parameters": parameters, "names": names,
 }
 
 
