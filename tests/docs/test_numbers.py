@@ -35,7 +35,7 @@ CHOSEN = {  # page -> section -> why its numbers need no source
     "scaling_out.md": {"a-sweep": "defaults, an example", "a-cluster": "an example of a setting"},
     "studies.md": {
         "the-study-itself": "defaults", "adapt": "defaults", "alignment": "a bound that is set",
-        "reduction": "defaults", "fitsname": "defaults",
+        "reduction": "defaults",
         "forecastsname": "the level of the intervals",
     },
     "time_step.md": {"time-step-and-accuracy": "a bound that is set", "where-a-time-step-is-fixed": "defaults"},
