@@ -34,7 +34,7 @@ CHOSEN = {  # page -> section -> why its numbers need no source
     "real_time.md": {"what-vents-and-when": "settings"},
     "scaling_out.md": {"a-sweep": "defaults, an example", "a-cluster": "an example of a setting"},
     "studies.md": {
-        "the-study-itself": "defaults", "adapt": "defaults", "alignment": "a bound that is set",
+        "adapt": "defaults", "alignment": "a bound that is set",
         "reduction": "defaults",
         "forecastsname": "the level of the intervals",
     },

@@ -87,9 +87,12 @@ def test_schemas_take_what_pliant_writes(reference):
     assert "noise" in made["study.schema.json"]["$defs"]["Recording"]["properties"]
 
 
-def test_checks_and_export_targets_stand_with_their_tables(pages):
+def test_checks_terms_and_export_targets_stand_in_tables(pages):
     from pliant.exporters import table as targets
     from pliant.preprocessing.plausibility import table as checks
 
+    from pliant.selection import TERMS
+
     assert checks.table() in pages["what_is_checked"]
+    assert [name for name in TERMS if f"| `{name}` |" not in pages["studies"]] == []
     assert targets.table() in pages["export"]
