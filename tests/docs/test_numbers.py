@@ -40,7 +40,6 @@ CHOSEN = {  # page -> section -> why its numbers need no source
     },
     "time_step.md": {"time-step-and-accuracy": "a bound that is set", "where-a-time-step-is-fixed": "defaults"},
     "your_own_camera.md": {"filming": "1.5 m/s times 1 ms"},
-    "your_own_data.md": {"a-table-and-its-mapping": "an example"},
 }
 
 
