@@ -1,4 +1,4 @@
-"""Measure the detection of contacts: touches, false alarms and obstacles of virtual actuators, pushes of an arm in space.
+"""Measure the detection of contacts: touches and obstacles of virtual actuators, pushes of an arm in space.
 
 Touches: each seed is a set of sensors on actuator a, b or c, each with its own model (examples/state). Two runs are
 touched at a node of the last 60 % of the body: at rest, during a pulse, while the pressure rises, and while it is
@@ -181,11 +181,21 @@ def false_alarms(seeds: int, minutes: int) -> dict[str, object]:
     return {"alarms": f"{ours:.0f} in {seeds * minutes} min", "alarms of a threshold": f"{simple:.0f}"}
 
 
+def random_pulses(seed: int, duration: float = 60.0) -> Scenario:
+    """Return a command of the paper's pressures for random times."""
+    rng, t, points = np.random.default_rng([77, seed]), 0.3, []
+    while t < duration - 4.0:
+        level, width = rng.choice([60e3, 119e3, 180e3, 240e3]), rng.uniform(0.5, 2.76)
+        points += [(t, level), (t + width, 0.0)]
+        t += width + rng.uniform(0.6, 2.0)
+    return Scenario(f"random_{seed}", "", duration, Command("steps", tuple(points)), rate=RATE)
+
+
 @cache
 def learnt_free(name: str) -> tuple[Model, dict[str, Any]]:
     """Return the model of an actuator and the options of `find_contact`, with what five free minutes teach."""
     chain, options = model(name), {"noise": NOISE, "latency": LATENCY[name]}
-    bodies = [measured_body(free_minute(name, k), name, 1, f"free_{k}") for k in range(5)]
+    bodies = [seen_body(random_pulses(k), name)[0] for k in range(5)]
     return chain, options | {"free": free_motion(bodies, chain, **options)}
 
 

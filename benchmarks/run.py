@@ -25,7 +25,7 @@ JOBS = {
 }
 NAMES = tuple(JOBS)
 SCRIPTS = {  # with what they are given, and after how long they are stopped, s
-    "fit": (("--quick",), 90), "work_precision": (("--seconds", "3"), 150),
+    "fit": (("fit",), 90), "work_precision": (("--seconds", "3"), 150),
 }
 # Ratios of what is measured side by side in one run, as another machine changes both. name: (limit, less is better)
 TARGETS = {
