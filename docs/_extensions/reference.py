@@ -301,7 +301,8 @@ PARTS = {
     **{f"study-{name.lower()}": study_part(name)
        for name in ("Valve", "Memory", "Space", "Chamber", "Tendon", "Extension")},
     "commands": commands, "model-file": model_file, "metrics-file": metrics_file, "task-file": task_file,
-    "checks": checks, "selection-terms": selection_terms, "targets": targets, "metrics": metrics, "parameters": parameters, "names": names,
+    "checks": checks, "selection-terms": selection_terms, "targets": targets,
+    "metrics": metrics, "parameters": parameters, "names": names,
 }
 
 

@@ -90,7 +90,6 @@ def test_schemas_take_what_pliant_writes(reference):
 def test_checks_terms_and_export_targets_stand_in_tables(pages):
     from pliant.exporters import table as targets
     from pliant.preprocessing.plausibility import table as checks
-
     from pliant.selection import TERMS
 
     assert checks.table() in pages["what_is_checked"]
