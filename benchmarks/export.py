@@ -1,82 +1,43 @@
-"""Measure exported models in one run: equality, times and sizes; `environments.py` measures the environments.
+"""Measure exported models: C beside pliant's integration, plain C and MuJoCo; environments beside MuJoCo.
 
-    python benchmarks/export.py -o benchmarks/results/export.json
+The C code of `pliant export --to c99` takes steps of 1 ms, of the paper's model and of one with softening springs and
+hysteresis; `speed/floor.c` is the same mathematics in hand-written C, and MuJoCo runs the exported MJCF without contact
+detection. Environments are free motion of the paper's five links with 20 ms between actions: pliant's vector
+environment, and MuJoCo by `mj_step` and by `mujoco.rollout` on one thread, with observations by the same NumPy code, at
+1 ms and at the longest step at which one of its integrators is as accurate as pliant at 1 ms. Times are the best of
+several.
 
-The C code of `pliant export --to c99` is compared with pliant's compiled time integration, with hand-written C
-(`BY_HAND`: the same linearly implicit step, as loops over arrays), and with MuJoCo running the exported MJCF. Results
-that need a missing program are null.
+    python benchmarks/export.py c99
 """
 
 from __future__ import annotations
 
-import argparse
 import ctypes
-import json
 import shutil
 import subprocess
-import sys
 import tempfile
-import time
+from collections.abc import Callable
+from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
+from time import process_time
+from typing import Any
 
 import numpy as np
+from harness import Case, measured
+from speed.floor import floor
+from speed.timing import best
 
-import pliant
 from pliant.actuators import chen2018
 from pliant.exporters.c99 import code
 from pliant.exporters.mjcf import mjcf
 from pliant.exporters.provenance import Provenance
-from pliant.model import Memory, load_model
-from pliant.simulation import Stepper, simulate
+from pliant.model import Memory, Model, load_model
+from pliant.simulation import Pulse, Stepper, Trace, simulate
 
-STEP, STEPS = 1e-3, 100_000
+STEP, STEPS, HIGHEST = 1e-3, 100_000, 1e5  # s, steps, Pa
+PERIOD, ACTIONS = 0.02, 50  # s between actions
 MODELS = Path(__file__).parents[1] / "examples" / "state"
-
-BY_HAND = r"""
-#include <math.h>
-#define N 5
-static const double l = LENGTH, m = MASS, K = STIFF, D = DAMP, h = 1e-3;
-void by_hand(double *phi, double *w, double torque, long steps)
-{
-    double B[N][N], A[N][N], S[N][N], c[N], s[N], r[N], a[N], t[N];
-    for (int i = 0; i < N; i++) for (int j = 0; j < N; j++) B[i][j] = m * l * l * (N - (i > j ? i : j));
-    for (long step = 0; step < steps; step++) {
-        for (int i = 0; i < N; i++) { c[i] = cos(phi[i] + 0.5 * h * w[i]); s[i] = sin(phi[i] + 0.5 * h * w[i]); }
-        for (int i = 0; i < N; i++) {
-            double q = phi[i] - (i ? phi[i - 1] : 0), dq = w[i] - (i ? w[i - 1] : 0);
-            t[i] = torque - K * (q + 0.5 * h * dq) - D * dq;
-        }
-        for (int i = 0; i < N; i++) {
-            r[i] = h * (t[i] - (i + 1 < N ? t[i + 1] : 0));
-            for (int j = 0; j <= i; j++) {
-                A[i][j] = B[i][j] * (c[i] * c[j] + s[i] * s[j]);
-                S[i][j] = B[i][j] * (s[i] * c[j] - c[i] * s[j]);
-            }
-        }
-        double g = 0.5 * h * D + 0.25 * h * h * K;
-        for (int i = 0; i < N; i++) { A[i][i] += g; if (i) { A[i - 1][i - 1] += g; A[i][i - 1] -= g; } }
-        for (int j = 0; j < N; j++) {
-            for (int k = 0; k < j; k++) A[j][j] -= A[j][k] * A[j][k] * A[k][k];
-            for (int i = j + 1; i < N; i++) {
-                for (int k = 0; k < j; k++) A[i][j] -= A[i][k] * A[j][k] * A[k][k];
-                A[i][j] /= A[j][j];
-            }
-        }
-        for (int pass = 0; pass < 2; pass++) {
-            for (int i = 0; i < N; i++) { double v = pass ? w[i] + 0.5 * a[i] : w[i]; t[i] = h * v * v; }
-            for (int i = 0; i < N; i++) a[i] = r[i];
-            for (int i = 0; i < N; i++) for (int j = 0; j < i; j++) { a[i] -= S[i][j] * t[j]; a[j] += S[i][j] * t[i]; }
-            for (int i = 0; i < N; i++) for (int k = 0; k < i; k++) a[i] -= A[i][k] * a[k];
-            for (int i = N - 1; i >= 0; i--) {
-                a[i] /= A[i][i];
-                for (int k = i + 1; k < N; k++) a[i] -= A[k][i] * a[k];
-            }
-        }
-        for (int i = 0; i < N; i++) { phi[i] += h * (w[i] + 0.5 * a[i]); w[i] += a[i]; }
-    }
-}
-"""
 MARCH = """
 void many(arm_state *s, const arm_parameters *p, double pressure, long steps)
 {
@@ -84,139 +45,198 @@ void many(arm_state *s, const arm_parameters *p, double pressure, long steps)
     for (long k = 0; k < steps; k++) arm_step(s, p, u);
 }
 """
+CORE = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-Os", "-std=c99"]
+timed = partial(best, seconds=0.3, clock=process_time)
 
 
-def kinds():
-    body = load_model(MODELS / "model_a.json")
-    return {"paper": chen2018.model(), "softening": body.with_(memory=Memory()), "memory": body}
+def body(name: str) -> Model:
+    """Return the paper's model, or a virtual actuator's with or without its hysteresis."""
+    if name == "paper":
+        return chen2018.model()
+    model = load_model(MODELS / "model_a.json")
+    return model if name == "memory" else model.with_(memory=Memory())
 
 
-def compiled(text, folder, name):
-    source = folder / f"{name}.c"
-    source.write_text(text, encoding="utf-8")
-    command = ["cc", "-std=c99", "-O2", "-fPIC", "-shared", str(source), "-o", str(folder / f"{name}.so"), "-lm"]
-    subprocess.run(command, check=True)
-    return ctypes.CDLL(str(folder / f"{name}.so"))
+def source(model: Model, folder: Path, precision: str) -> str:
+    """Return the exported C code; its header is written into the folder."""
+    exported = code(model, Provenance(model, "c99", "benchmark"), time_step=STEP, precision=precision, pressure=0.0,
+                    prefix="arm")  # fmt: skip
+    (folder / "arm.h").write_text(exported.header, encoding="utf-8")
+    return exported.source
 
 
-def best(run, repeats=5):
-    """Return the least of a few times, s."""
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        run()
-        times.append(time.perf_counter() - began)
-    return min(times)
-
-
-def arm_of(model, folder, name):
-    origin = Provenance(model, "c99", "benchmark")
-    made = code(model, origin, time_step=STEP, precision="double", pressure=0.0, prefix="arm")
-    (folder / "arm.h").write_text(made.header, encoding="utf-8")
-    return compiled(made.source + MARCH, folder, name)
-
-
-def equality(model, library, rng):
-    """Return the largest difference of a link's angle from `Stepper` over all steps, rad."""
+def c99(name: str) -> dict[str, Any]:
+    """Return the largest difference of the C code from `Stepper` over all steps, and the time of a step."""
+    model, rng = body(name), np.random.default_rng(1)
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / "arm.c"
+        path.write_text(source(model, path.parent, "double") + MARCH, encoding="utf-8")
+        flags = ["-std=c99", "-O2", "-fPIC", "-shared", str(path), "-o", str(path.with_suffix(".so")), "-lm"]
+        subprocess.run(["cc", *flags], check=True)
+        library = ctypes.CDLL(str(path.with_suffix(".so")))
     s, p = (ctypes.c_double * 65536)(), (ctypes.c_double * 65536)()
     library.arm_defaults(p)
     library.arm_init(s)
-    stepper, worst = Stepper(model, STEP), 0.0
-    for level in np.repeat(rng.uniform(0, 1e5, STEPS // 200), 200):
+    stepper, apart = Stepper(model, STEP), 0.0
+    for level in np.repeat(rng.uniform(0, HIGHEST, STEPS // 200), 200):
         library.arm_step(s, p, (ctypes.c_double * 1)(level))
         stepper.step(level)
-        worst = max(worst, float(np.abs(np.array(s[: model.n]) - stepper.angle).max()))
-    return worst
-
-
-def times(model, library):
-    """Return nanoseconds per step of the C code and of pliant's time integration with output at the end alone."""
-    s, p = (ctypes.c_double * 65536)(), (ctypes.c_double * 65536)()
-    library.arm_defaults(p)
-    library.arm_init(s)
+        apart = max(apart, float(np.abs(np.array(s[: model.n]) - stepper.angle).max()))
     library.many.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double, ctypes.c_long]
-    pulse, ends = pliant.Pulse(5e4), np.array([0.0, STEPS * STEP])
-    simulate(model, pulse, times=ends, time_step=STEP)
-    return {
-        "c99_ns": 1e9 / STEPS * best(lambda: library.many(s, p, 5e4, STEPS)),
-        "pliant_ns": 1e9 / STEPS * best(lambda: simulate(model, pulse, times=ends, time_step=STEP)),
-    }
+    ends = np.array([0.0, STEPS * STEP])
+    row = {"largest difference (rad)": apart,
+           "exported C (ns)": 1e9 / STEPS * timed(lambda: library.many(s, p, 5e4, STEPS)),
+           "pliant (ns)": 1e9 / STEPS * timed(lambda: simulate(model, Pulse(5e4), times=ends, time_step=STEP))}
+    if name == "paper":
+        row["hand-written C (ns)"] = floor(model, STEPS, STEP, np.full(model.n, model.torque_at(5e4))).get("c_step_ns")
+        row["MuJoCo (ns)"] = mujoco_ns(model)
+    return row
 
 
-def by_hand(folder):
-    """Return nanoseconds per step of hand-written C for the paper's model, and its final difference from pliant, rad.
-    """
-    model = chen2018.model()
-    words = {"LENGTH": model.link_length[0], "MASS": model.link_mass[0], "STIFF": model.stiffness[0],
-             "DAMP": model.damping[0]}  # fmt: skip
-    text = BY_HAND
-    for word, value in words.items():
-        text = text.replace(f" {word}", f" {float(value)!r}")
-    library = compiled(text, folder, "hand")
-    phi, w = (ctypes.c_double * 5)(), (ctypes.c_double * 5)()
-    torque = ctypes.c_double(float(model.torque_at(5e4)))
-    library.by_hand(phi, w, torque, ctypes.c_long(200))
-    stepper = Stepper(model, STEP)
-    for _ in range(200):
-        stepper.step(5e4)
-    apart = float(np.abs(np.array(phi[:]) - stepper.angle).max())
-    return 1e9 / STEPS * best(lambda: library.by_hand(phi, w, torque, ctypes.c_long(STEPS))), apart
-
-
-def mujoco_ns(model):
-    """Return the nanoseconds that MuJoCo takes for a step of 1 ms of the exported MJCF, without contact detection."""
+def mujoco_ns(model: Model) -> float | None:
+    """Return the nanoseconds that MuJoCo takes for a step of 1 ms of the exported MJCF."""
     if find_spec("mujoco") is None:
         return None
     import mujoco
 
-    m = mujoco.MjModel.from_xml_string(mjcf(model, Provenance(model, "mjcf", "benchmark"), time_step=STEP))
-    m.geom_contype[:], m.geom_conaffinity[:] = 0, 0
+    m = in_mujoco(model, STEP, "implicitfast")
     d = mujoco.MjData(m)
     d.ctrl[:] = 5e4
-    return 1e5 * best(lambda: mujoco.mj_step(m, d, 10000))
+    return 1e5 * timed(lambda: mujoco.mj_step(m, d, 10000))
 
 
-def flash(folder):
+def flash() -> dict[str, Any]:
     """Return bytes of code, state and parameters of the paper's model in single precision on a Cortex-M4."""
     if shutil.which("arm-none-eabi-gcc") is None:
-        return None
-    model = chen2018.model()
-    origin = Provenance(model, "c99", "benchmark")
-    made = code(model, origin, time_step=STEP, precision="single", pressure=0.0, prefix="arm")
-    (folder / "arm.h").write_text(made.header, encoding="utf-8")
-    (folder / "chip.c").write_text(
-        made.source + "arm_state ram_state; arm_parameters ram_parameters;", encoding="utf-8"
-    )
-    core = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-Os", "-std=c99"]
-    subprocess.run(
-        ["arm-none-eabi-gcc", *core, "-c", str(folder / "chip.c"), "-o", str(folder / "chip.o")], check=True
-    )
-    told = subprocess.run(["arm-none-eabi-size", str(folder / "chip.o")], capture_output=True, text=True, check=True)
-    text, _, bss = (int(v) for v in told.stdout.splitlines()[1].split()[:3])
-    return {"flash_bytes": text, "ram_bytes": bss}
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path)
-    asked = parser.parse_args()
-    if shutil.which("cc") is None:
-        sys.exit("no C compiler (cc) on the path: there is nothing to measure")
-    rng, told = np.random.default_rng(1), {"models": {}}
+        return {"flash (bytes)": None}
     with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        for name, model in kinds().items():
-            library = arm_of(model, folder, name)
-            row = {"largest_difference_rad": equality(model, library, rng), **times(model, library)}
-            row["c99_over_pliant"] = row["c99_ns"] / row["pliant_ns"]
-            told["models"][name] = row
-        told["by_hand_ns"], told["by_hand_difference_rad"] = by_hand(folder)
-        told["controller"] = flash(folder)
-    told["mujoco_ns"] = mujoco_ns(chen2018.model())
-    print(json.dumps(told, indent=1))
-    if asked.output:
-        asked.output.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        path = Path(place) / "chip.c"
+        text = source(chen2018.model(), path.parent, "single")
+        path.write_text(f"{text}arm_state ram_state; arm_parameters ram_parameters;", encoding="utf-8")
+        binary = str(path.with_suffix(".o"))
+        subprocess.run(["arm-none-eabi-gcc", *CORE, "-c", str(path), "-o", binary], check=True)
+        sizes = subprocess.run(["arm-none-eabi-size", binary], capture_output=True, text=True, check=True).stdout
+    text_bytes, _, bss = (int(v) for v in sizes.splitlines()[1].split()[:3])
+    return {"flash (bytes)": text_bytes, "RAM (bytes)": bss}
+
+
+def in_mujoco(model: Model, step: float, integrator: str) -> Any:
+    """Return MuJoCo's model without collisions."""
+    import mujoco
+
+    m = mujoco.MjModel.from_xml_string(mjcf(model, Provenance(model, "mjcf", "benchmark"), time_step=step))
+    m.opt.integrator = int(getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}"))
+    m.geom_contype[:], m.geom_conaffinity[:] = 0, 0
+    return m
+
+
+def pressures() -> np.ndarray:
+    """Return the pressures of an episode, Pa."""
+    return np.random.default_rng(1).uniform(0.0, HIGHEST, ACTIONS)
+
+
+def pliant_tips(model: Model, method: str) -> np.ndarray:
+    """Return tips after each action, m."""
+    edges = np.arange(ACTIONS + 1) * PERIOD
+    trace = Trace(np.repeat(edges, 2)[1:-1], np.repeat(pressures(), 2))
+    run = simulate(model, trace, times=edges, time_step=STEP, method=method, initial_angle=np.zeros(model.n))
+    return run.tip_position.values[1:, -1]
+
+
+def mujoco_error(model: Model, step: float, integrator: str, true: np.ndarray) -> float:
+    """Return the largest tip error, mm."""
+    import mujoco
+
+    m, tips = in_mujoco(model, step, integrator), []
+    d = mujoco.MjData(m)
+    for p in pressures():
+        d.ctrl[:] = p
+        mujoco.mj_step(m, d, round(PERIOD / step))
+        mujoco.mj_kinematics(m, d)
+        tips.append(d.site_xpos[-1, :2].copy())
+    return 1e3 * float(np.abs(np.array(tips) - true).max())
+
+
+@cache
+def as_accurate() -> tuple[float, float, str]:
+    """Return pliant's error at 1 ms [mm], and step and integrator of MuJoCo with at most this error."""
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda _: None)  # Runge-Kutta is unstable at long steps
+    model = chen2018.model()
+    true = pliant_tips(model, "Radau")
+    error = 1e3 * float(np.abs(pliant_tips(model, "midpoint") - true).max())
+    for parts in (20, 25, 32, 40, 50, 80, 100, 200, 400, 800, 2000, 4000):
+        for integrator in ("rk4", "implicitfast"):
+            if mujoco_error(model, PERIOD / parts, integrator, true) <= error:
+                return error, PERIOD / parts, integrator
+    raise RuntimeError("MuJoCo does not reach pliant's accuracy at 5 us")
+
+
+def mujoco_environments(*, accurate: bool) -> dict[str, Any]:
+    """Return MuJoCo's environment steps per second: one environment by mj_step, 256 by rollout."""
+    import mujoco
+    import mujoco.rollout
+
+    model, size = chen2018.model(), 256
+    _, step, integrator = as_accurate() if accurate else (0.0, STEP, "implicitfast")
+    m, count = in_mujoco(model, step, integrator), round(PERIOD / step)
+    d, kind = mujoco.MjData(m), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    width = mujoco.mj_stateSize(m, kind)
+    now, out = np.zeros((size, width)), np.zeros((size, count, width))
+    sensed = np.zeros((size, count, m.nsensordata))
+    mujoco.mj_getState(m, d, now[0], kind)
+    now[:] = now[0]
+    target = np.array([0.05, 0.15])
+
+    def one() -> None:
+        for p in pressures():
+            d.ctrl[:] = p
+            mujoco.mj_step(m, d, count)
+            np.concatenate([d.qpos, d.qvel * PERIOD, d.site_xpos[-1, :2], d.ctrl]).astype(np.float32)
+
+    def many() -> None:
+        for p in pressures()[:10]:
+            control = np.full((size, count, m.nu), p)
+            mujoco.rollout.rollout([m] * size, [d], now, control, state=out, sensordata=sensed, skip_checks=True,
+                                   nstep=count, initial_warmstart=None)  # fmt: skip
+            now[:] = out[:, -1]
+            tip, q, dq = sensed[:, -1, :2], now[:, 1 : 1 + m.nq], now[:, 1 + m.nq : 1 + m.nq + m.nv]
+            rows = [q, dq * PERIOD, tip, np.broadcast_to(target, tip.shape), control[:, 0]]
+            np.concatenate(rows, axis=1).astype(np.float32)
+            np.linalg.norm(tip - target, axis=1)
+
+    return {"step (ms)": 1e3 * step, "one, per s": ACTIONS / timed(one), "batch, per s": 10 * size / timed(many)}
+
+
+def environments(size: int, **options: Any) -> dict[str, Any]:
+    """Return pliant's environment steps per second: one environment, and a batch."""
+    import gymnasium
+
+    import pliant.exporters.gymnasium  # noqa: F401  registers
+
+    model = chen2018.model()
+    env = gymnasium.make("pliant/Reach-v0", model=model, highest=HIGHEST).unwrapped
+    envs = gymnasium.make_vec("pliant/Reach-v0", num_envs=size, model=model, highest=HIGHEST, **options)
+    env.reset(seed=1)
+    envs.reset(seed=1)
+    actions = np.random.default_rng(1).uniform(-1, 1, (ACTIONS, size, 1)).astype(np.float32)
+
+    def episode(step: Callable[[Any], Any], rows: np.ndarray) -> None:
+        for a in rows:
+            step(a)
+
+    return {"step (ms)": 1e3 * STEP, "one, per s": ACTIONS / timed(lambda: episode(env.step, actions[:, 0])),
+            "batch, per s": ACTIONS * size / timed(lambda: episode(envs.step, actions))}  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    measured(__doc__ or "", {
+        "c99": [*(Case(name, partial(c99, name)) for name in ("paper", "softening", "memory")), Case("flash", flash)],
+        "environments": [
+            Case("pliant, batch of 1024", partial(environments, 1024)),
+            Case("pliant, 256 bodies drawn", partial(environments, 256, fit={"stiffness": 0.05})),
+            Case("MuJoCo", partial(mujoco_environments, accurate=False)),
+            Case("MuJoCo as accurate", partial(mujoco_environments, accurate=True)),
+        ],
+    })  # fmt: skip

@@ -1,30 +1,21 @@
-"""Measure how often the 95 % intervals of a fit in space contain the true values, for random arms simulated by MuJoCo.
+"""Random arms in space: MuJoCo's motion, and the errors of a fit to it in standard errors.
 
 The body is MuJoCo's: three rods on ball joints, driven by three chambers. Its mechanics share no code with pliant. The
 torques at a joint, a spring and a damper on swing and twist, are computed here in MuJoCo's angular velocities, at every
-stage of its Runge-Kutta steps. For equal parameters the two motions agree: for the record with a force beside the axis
-they differ by 0.0074, 0.0018, 0.0005 and 0.0001 mm rms for pliant's steps of 2, 1, 0.5 and 0.25 ms. Each seed draws
-stiffness, damping, and the gain and azimuth of each chamber, within 25 % and 0.15 rad of the middle. Two records show
-three stations, one of them beside the axis, with white noise of 1 mm. A fit of all nine parameters starts from stated
-values in the middle of the ranges. With "unstated", the fit gets only the names of the parameters, and a model whose
-stiffness and damping are wrong by one factor, drawn between 1/100 and 100. Percentages are as in `intervals.py`, of the
-fits whose residuals are as small as the noise. With "twist", the torsional stiffness is drawn and fitted too, and in a
-third record a known force pulls at the station beside the axis. Without this force the data hardly determine the
-torsional stiffness (standard error 37 % from the other two records).
-
-Usage: python benchmarks/intervals_in_space.py [seeds] [first seed] [twist] [unstated]
+stage of its Runge-Kutta steps. Each seed draws stiffness, damping, and the gain and azimuth of each chamber, within
+25 % and 0.15 rad of the middle. Two records show three stations, one of them beside the axis, with white noise of 1 mm.
+With twist, the torsional stiffness is drawn and fitted too, and in a third record a known force pulls at the station
+beside the axis: without it the data hardly determine the torsional stiffness.
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
-from intervals import print_coverage
 
-from pliant.identification import Experiment, FitResult, Parameter, fit
+from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Chamber, Model, Space, Station, chain_model
 from pliant.simulation import Trace
 from pliant.simulation.forces import PointForce
@@ -175,41 +166,22 @@ def record(
     return Experiment(name, TIMES, noisy, tuple(p[0] for p in POINTS), "trace", drives=drives, forces=forces)
 
 
-def count(seeds: range, names: Sequence[str], fitted: Callable[[int], tuple[dict[str, float], FitResult]]) -> None:
-    """Print the coverage of each parameter and of all, in % of the fits whose residuals are as small as the noise.
+def errors(seed: int, *, twist: bool = False, stated: bool = True) -> dict[str, float]:
+    """Return errors of all parameters of one body in standard errors; {} if the fit does not reach the noise.
 
-    `fitted` makes a body's true values and the fit to its records from a seed.
+    Without `stated`, the fit has no start values, and a model whose stiffness is wrong by a factor of 1/100 to 100.
     """
-    rows = []
-    for seed in seeds:
-        truth, found = fitted(seed)
-        if max(found.rmse.values()) > FAR * NOISE:
-            print(seed, "ended far off", found.rmse, found.status, file=sys.stderr, flush=True)
-            continue
-        std = {p.name: p.std for p in found.parameters}
-        rows.append([(found.values[name] - truth[name]) / std[name] for name in names])
-        print(seed, np.round(rows[-1], 2).tolist(), file=sys.stderr, flush=True)
-    print_coverage(f"{len(rows)} of {len(seeds)} fits reach the noise", names, np.array(rows))
-
-
-def main(seeds: int, first: int, *, twist: bool, stated: bool) -> None:
-    """Count the intervals of bodies with chambers."""
+    rng = np.random.default_rng([seed, 3])
+    truth, records = drawn(rng, twist=twist), []
+    for name, levels in (RECORDS | (PULLED if twist else {})).items():
+        pull = FORCE if name in PULLED else None
+        records.append(record(name, seen(truth, levels, pull), levels, rng, pull))
     begin = middle() | ({"twist_ratio": 0.8} if twist else {})
     start = [Parameter(name, value if stated else None) for name, value in begin.items()]
-
-    def fitted(seed: int) -> tuple[dict[str, float], FitResult]:
-        rng = np.random.default_rng([seed, 3])
-        truth, records = drawn(rng, twist=twist), []
-        for name, levels in (RECORDS | (PULLED if twist else {})).items():
-            pull = FORCE if name in PULLED else None
-            records.append(record(name, seen(truth, levels, pull), levels, rng, pull))
-        off = 1.0 if stated else 10.0 ** rng.uniform(-2, 2)
-        model = chain().with_(stiffness=off * MIDDLE["stiffness"], damping=off * MIDDLE["damping"])
-        return truth, fit(records, model, start, time_step=STEP, starts=1)
-
-    count(range(first, first + seeds), list(begin), fitted)
-
-
-if __name__ == "__main__":
-    numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
-    main(*(numbers + [100, 0][len(numbers) :]), twist="twist" in sys.argv, stated="unstated" not in sys.argv)
+    off = 1.0 if stated else 10.0 ** rng.uniform(-2, 2)
+    model = chain().with_(stiffness=off * MIDDLE["stiffness"], damping=off * MIDDLE["damping"])
+    result = fit(records, model, start, time_step=STEP, starts=1)
+    if max(result.rmse.values()) > FAR * NOISE:
+        return {}
+    std = {p.name: p.std for p in result.parameters}
+    return {name: (result.values[name] - truth[name]) / std[name] for name in begin}

@@ -2,11 +2,8 @@
 
 The body is the paper's chain of five links. A step is one of 1 ms of a `Stepper`, which refuses some valves. An
 evaluation computes the residuals of a pulse of 3 s at 100 Hz in steps of 2 ms, and their derivatives by stiffness,
-damping, torque, the edges of the pulse and the parameters of the law. All laws are timed in turn, in many rounds; a
-ratio is the median over the rounds of the processor time over that of the plain model in the same round, so that other
-load affects both.
-
-Usage: python benchmarks/laws.py [rounds, default 30] [laws, default all]
+damping, torque, the edges of the pulse and the parameters of the law. A law and the plain model are timed in turn, in
+many rounds; a ratio is the median over the rounds of their processor times, so that other load affects both.
 """
 
 # ruff: noqa: E402
@@ -19,9 +16,11 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from time import process_time
 
 import numpy as np
+from harness import Case, measured
 
 from pliant.actuators import chen2018
 from pliant.errors import InputError
@@ -118,24 +117,15 @@ def times_of(jobs: dict[str, Callable[[], None]], rounds: int) -> dict[str, np.n
     return {name: np.array(times) for name, times in spent.items()}
 
 
-def ratio(times: dict[str, np.ndarray], name: str) -> str:
-    """Return the median and the quartiles of the ratios of a law to the plain model, as text."""
-    if name not in times:
-        return "refused"
-    low, middle, high = np.percentile(times[name] / times["plain"], (25, 50, 75))
-    return f"{middle:5.2f} ({low:.2f} to {high:.2f})"
-
-
-def main(rounds: int, names: list[str]) -> None:
-    """Print the ratios of both kinds, with quartiles over the rounds."""
-    laws = {name: LAWS[name] for name in ("plain", *(names or list(LAWS)[1:]))}
-    steps = times_of({name: job for name, law in laws.items() if (job := stepping(law)) is not None}, rounds)
-    evaluations = times_of({name: evaluating(law) for name, law in laws.items()}, rounds)
-    print(f"plain: a step {1e6 * steps['plain'].min() / STEPS:.2f} us, "
-          f"an evaluation {1e3 * evaluations['plain'].min():.2f} ms, the shortest of {rounds}")  # fmt: skip
-    for name in laws:
-        print(f"{name:<36} step {ratio(steps, name):<22} evaluation {ratio(evaluations, name)}", flush=True)
+def row(name: str, rounds: int) -> dict[str, float | None]:
+    """Return the median ratios of a law to the plain model; none for a valve that a `Stepper` refuses."""
+    found: dict[str, float | None] = {}
+    for kind, make in (("step", stepping), ("evaluation", evaluating)):
+        jobs = {each: job for each in ("plain", name) if (job := make(LAWS[each])) is not None}
+        times = times_of(jobs, rounds)
+        found[kind] = float(np.median(times[name] / times["plain"])) if name in times else None
+    return found
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 30, sys.argv[2:])
+    measured(__doc__ or "", {"laws": [Case(name, partial(row, name)) for name in list(LAWS)[1:]]}, rounds=30)

@@ -9,12 +9,12 @@ No recording has a mistake that a check names, except recordings of a body that 
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
+from harness import table
 
 from pliant.errors import InputError, PliantError
 from pliant.preprocessing.plausibility import CHECKS
@@ -87,18 +87,17 @@ def doubted(recording: xr.Dataset) -> dict[str, str]:
 
 
 def main() -> None:
-    """Print the table."""
+    """Print every warning, then the table."""
     os.environ.setdefault("PLIANT_DATA", str(DATA))
-    looked, alarms = Counter[str](), Counter[str]()
-    for group, name, said in cases():
-        looked[group] += 1
-        alarms[group] += bool(said)
-        for check, sentence in said.items():
+    counts: dict[str, list[int]] = {}
+    for group, name, warned in cases():
+        row = counts.setdefault(group, [0, 0])
+        row[0], row[1] = row[0] + 1, row[1] + bool(warned)
+        for check, sentence in warned.items():
             print(f"{group}, {name}: [{check}] {sentence}")
-    print(f"{len(CHECKS)} checks\n{'group':45} recordings  with a doubt")
-    for group in looked:
-        print(f"{group:45} {looked[group]:10} {alarms[group]:13}")
-    print(f"{'all':45} {looked.total():10} {alarms.total():13}")
+    counts["all"] = [sum(column) for column in zip(*counts.values(), strict=True)]
+    print(f"{len(CHECKS)} checks")
+    print(table({group: {"recordings": n, "with a warning": k} for group, (n, k) in counts.items()}))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""List what pliant says: all messages of its code, or a sample by seed of docstrings, messages and sentences to read.
+"""Print a sample by seed of what pliant says, to be read by somebody who wrote none of it.
 
-    python benchmarks/reading.py messages            # a table of all errors, warnings and sentences of the verdict
-    python benchmarks/reading.py sample --seed 1     # 40 docstrings, 40 messages, 40 sentences
+    python benchmarks/reading.py --seed 1                      # 40 docstrings, 40 messages, 40 sentences
+    python benchmarks/reading.py --count 0                     # all messages of the code
 """
 
 from __future__ import annotations
@@ -126,19 +126,15 @@ def sentences() -> list[Message]:
 
 
 def main() -> None:
-    """Print the table or the sample."""
+    """Print the sample."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("messages", "sample"))
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--count", type=int, default=40, help="of each kind; 0: all messages alone")
     asked = parser.parse_args()
-    if asked.what == "messages":
-        for m in all_messages():
-            print(f"{m.kind}\t{m.place}\t{m.text}")
-        return
-    rng = random.Random(asked.seed)
-    for pool in (docstrings(), all_messages(), sentences()):
-        for k, m in enumerate(rng.sample(pool, asked.count), 1):
+    rng, texts = random.Random(asked.seed), all_messages()
+    pools = [rng.sample(pool, asked.count) for pool in (docstrings(), texts, sentences())] if asked.count else [texts]
+    for pool in pools:
+        for k, m in enumerate(pool, 1):
             print(f"{k:2d}. [{m.kind}] {m.place}\n    {m.text}")
 
 

@@ -13,20 +13,19 @@ import sys
 from pathlib import Path
 from time import perf_counter
 
-from speed import batches, fitting, race, realtime
+from speed import batches, race, realtime
 from speed.meaning import MEANING
 from speed.measure import PARTS, measure, write
 
 HERE = Path(__file__).parent
 REAL_TIME_S = 30.0
 JOBS = {
-    **PARTS, "experiment": race.experiment, "fit": fitting.fitting, "batch": batches.batches,
+    **PARTS, "experiment": race.experiment, "batch": batches.batches,
     "realtime": lambda: realtime.realtime(REAL_TIME_S),
 }
 NAMES = tuple(JOBS)
 SCRIPTS = {  # with what they are given, and after how long they are stopped, s
-    "fit": (("--quick",), 90), "growth": ((), 150), "work_precision": (("--seconds", "3"), 150),
-    "accuracy": (("a",), 60),
+    "fit": (("fit",), 90), "work_precision": (("--seconds", "3"), 150),
 }
 # Ratios of what is measured side by side in one run, as another machine changes both. name: (limit, less is better)
 TARGETS = {

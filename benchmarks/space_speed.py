@@ -1,20 +1,17 @@
-"""Time a step in space beside plain C, and a motion beside MuJoCo and Pinocchio at equal errors of the tip.
+"""Time a step in space beside plain C, and a motion beside MuJoCo at equal errors of the tip.
 
 The body is an arm of 0.17 m and 69 g in five links, released from a bend in space under gravity across it. Each joint
 has the same stiffness in its three directions, so that MuJoCo's ball joints carry the same springs; the difference
 between the tips of the two models is printed. Every method is compared with itself at a tiny step. pliant's methods are
 the midpoint rule and its extrapolation, with and without the short first steps of `simulate(..., graded=True)`, which
-MuJoCo takes too where they help it.
-Pinocchio runs semi-implicit Euler in Python, and only its forward dynamics counts. The step with six tendons, some of
-them taut and some slack, is compared with the step without tendons. The shortest processor time of many runs counts;
-`--seconds S` sets the duration.
+MuJoCo takes too where they help it. The step with six tendons, some of them taut and some slack, is compared with the
+step without tendons. The shortest processor time of many runs counts; `--seconds S` sets the duration.
 """
 
 from __future__ import annotations
 
 import argparse
 import ctypes
-import json
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -25,6 +22,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+from harness import table
 from numba import njit
 from scipy.spatial.transform import Rotation
 from speed.timing import best, machine
@@ -209,38 +207,6 @@ def mujoco_runner(integrator: int) -> Callable[..., Array]:
     return solve
 
 
-def pinocchio_runner() -> tuple[Callable[[float], Array], Callable[[], Any]]:
-    """Return a function from a step [s] to tips by semi-implicit Euler, and one evaluation of the forward dynamics."""
-    import pinocchio as pin
-
-    body, model, parent = arm(2).body, pin.Model(), 0
-    for k in range(LINKS):
-        frame = pin.SE3(np.eye(3), np.array([0.0, 0.0, body.length[k]]))
-        parent = model.addJoint(parent, pin.JointModelSpherical(), frame, f"joint{k}")
-        moments = np.diag([body.lateral[k], body.lateral[k], body.axial[k]])
-        inertia = pin.Inertia(body.mass[k], np.array([0.0, 0.0, body.centre[k]]), moments)
-        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
-    model.gravity.linear = np.array([9.81, 0.0, 0.0])
-    data, last = model.createData(), np.array([0.0, 0.0, body.length[-1]])
-
-    def solve(h: float) -> Array:
-        count, q, v = round(END / LOOKS / h), quaternions().ravel(), np.zeros(3 * LINKS)
-        tips = np.zeros((LOOKS, 3))
-        for row in tips:
-            for _ in range(count):
-                turns = Rotation.from_quat(q.reshape(LINKS, 4)).as_rotvec().ravel()
-                v = v + h * pin.aba(model, data, q, v, -STIFFNESS * turns - DAMPING * v)
-                q = pin.integrate(model, q, h * v)
-                if not np.isfinite(q).all() or not q.any():
-                    return np.full_like(tips, np.nan)
-            pin.forwardKinematics(model, data, q)
-            row[:] = data.oMi[LINKS].act(last)
-        return tips
-
-    q, v, torque = quaternions().ravel(), np.ones(3 * LINKS), np.ones(3 * LINKS)
-    return solve, lambda: [pin.aba(model, data, q, v, torque) for _ in range(1000)]
-
-
 def to_target(solve: Callable[[float], Array], truth: Array, target: float, steps: list[float]) -> tuple[float, float]:
     """Return the longest step [s] from which on the largest error of the tip is within `target` [mm], and that error.
     """
@@ -278,40 +244,20 @@ def race(seconds: float) -> dict[str, dict[str, Any]]:
             if np.isfinite(h):
                 row["ms"] = 1e3 * best(partial(run, h), seconds=seconds, clock=process_time)
             found[f"{name}{', graded' * graded} {target} mm"] = row
-    try:
-        solve, dynamics = pinocchio_runner()
-    except ImportError:
-        return found
-    few = [h for h in STEPS if h >= 2e-5]
-    own, aba = solve(1e-5), best(dynamics, seconds=seconds, clock=process_time) / 1000
-    for target in TARGETS:
-        h, error = to_target(solve, own, target, few)
-        found[f"Pinocchio, forward dynamics alone {target} mm"] = {
-            "step_ms": 1e3 * h, "error_mm": error, "ms": 1e3 * aba * END / h,
-            "from_pliant_mm": 1e3 * np.abs(own - truth).max(),
-        }
     return found
 
 
 def main() -> None:
-    """Print and write the results."""
-    asked = argparse.ArgumentParser(description=__doc__)
+    """Print the results."""
+    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("--seconds", type=float, default=2.0)
     seconds = asked.parse_args().seconds
-    results: dict[str, Any] = {"machine": machine()}
+    print(machine())
     for name, turns in (("swing, 10 coordinates", 2), ("swing and twist, 15", 3)):
-        ours, floor = step_ns(turns, seconds), c_step_ns(turns, seconds)
-        results[name] = {"pliant_ns": ours, "c_ns": floor}
-        print(f"one step, {name:<24} pliant {ours:7.0f} ns, C {floor:7.0f} ns, ratio {ours / floor:.2f}", flush=True)
-        tense = step_ns(turns, seconds, TENDONS)
-        results[name]["tendons_ns"] = tense
-        print(f"    with {TENDONS} tendons {tense:7.0f} ns, {tense / ours:.2f} times as long", flush=True)
-    results["race"] = race(seconds)
-    for name, row in results["race"].items():
-        print(f"{name:<48}", ", ".join(f"{key} {value:.3g}" for key, value in row.items()), flush=True)
-    path = Path(__file__).parent / "results" / "space_speed.json"
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        ours, floor, tense = step_ns(turns, seconds), c_step_ns(turns, seconds), step_ns(turns, seconds, TENDONS)
+        print(f"one step, {name:<24} pliant {ours:7.0f} ns, C {floor:7.0f} ns, ratio {ours / floor:.2f}; "
+              f"with {TENDONS} tendons {tense / ours:.2f} times as long", flush=True)  # fmt: skip
+    print(table(race(seconds)))
 
 
 if __name__ == "__main__":

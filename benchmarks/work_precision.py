@@ -13,7 +13,6 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from peers import all_peers
 from speed.methods import mujoco_methods, pliant_extrapolated, pliant_midpoint, scipy_methods, solved
 from speed.problem import TARGET_MM, Problem
 from speed.race import curve
@@ -53,7 +52,6 @@ def main() -> None:
     problem = solved(Problem())
     methods = [
         pliant_midpoint(problem), pliant_extrapolated(problem), *scipy_methods(problem), *mujoco_methods(problem),
-        *all_peers(problem),
     ]
     curves = {}
     never = "never within the target" if limit == float("inf") else "not within the target in the time given"

@@ -70,19 +70,7 @@ def measure(
 ) -> dict[str, Any]:
     """Run the parts of the benchmark one after the other and return all their numbers in one dict.
 
-    Parameters
-    ----------
-    parts : mapping
-        Function that measures each part, by the part's name.
-    meaning : mapping
-        Description of each number, by its name.
-    message : callable
-        Called with the results of each part as text.
-
-    Returns
-    -------
-    dict
-        Every number by its name, the facts of the machine under ``machine``, and the version under ``pliant``.
+    `message` is called with the results of each part as text. The facts of the machine are under ``machine``.
     """
     results: dict[str, Any] = {"pliant": __version__, "machine": machine()}
     for name, job in parts.items():

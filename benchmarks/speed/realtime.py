@@ -21,20 +21,9 @@ SPIN_NS = 200_000  # the last part of a wait is spent looking at the clock: a sl
 def realtime(seconds: float = 10.0, period: float = 1e-3) -> dict[str, Any]:
     """Step times and missed deadlines of a `Stepper` at a fixed rate.
 
-    Parameters
-    ----------
-    seconds : float
-        How long, s.
-    period : float
-        Between two steps, s; also the length of a step.
-
-    Returns
-    -------
-    dict
-        Median, 99.9 % and worst time of a step [us]; deadlines missed: steps that were not done when the next was due;
-        how many of them had begun late because the system gave the process no time; deadlines that the same loop misses
-        with no step in it, in turns with the steps, so that both see the same machine; bytes that 20,000 steps leave
-        behind, as Python's own account has it.
+    Returned are the median, 99.9 % and worst time of a step [us]; missed deadlines: steps that were not done when the
+    next was due; how many of them had begun late because the system gave the process no time; deadlines that the same
+    loop misses with no step in it, in turns with the steps; bytes that 20,000 steps leave behind.
     """
     count = round(seconds / period) if np.isfinite(seconds) and seconds > 0 else 0
     if count < 10:

@@ -275,11 +275,33 @@ def study_part(name: str) -> Callable[[], str]:
     return rows
 
 
+def checks() -> str:
+    """Every plausibility check: what it examines, and its limits."""
+    from pliant.preprocessing.plausibility.table import table as rows
+
+    return rows()
+
+
+def selection_terms() -> str:
+    """Every term of a model selection, and what it adds."""
+    from pliant.selection import TERMS
+
+    return table(("term", "adds"), [(f"`{name}`", words) for name, words in TERMS.items()])
+
+
+def targets() -> str:
+    """Every part of a model, and the export targets that can express it."""
+    from pliant.exporters.table import table as rows
+
+    return rows()
+
+
 PARTS = {
     "study-body": study_body,
     **{f"study-{name.lower()}": study_part(name)
        for name in ("Valve", "Memory", "Space", "Chamber", "Tendon", "Extension")},
     "commands": commands, "model-file": model_file, "metrics-file": metrics_file, "task-file": task_file,
+    "checks": checks, "selection-terms": selection_terms, "targets": targets,
     "metrics": metrics, "parameters": parameters, "names": names,
 }
 

@@ -1,4 +1,4 @@
-"""The sweep over the family, on one seed of a coarse rod: its numbers, its table, and that it goes on."""
+"""The sweep over the family, on one seed of a coarse rod: its numbers, and its table."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from benchmark_scripts import loaded
 
-from pliant.sweep.scheduler import run_chunks
-from pliant.sweep.store import Store
 from pliant.testbed import family_member
 
 
@@ -19,30 +17,24 @@ def family_sweep():
 
 
 def coarse(seed):
-    """A member seen by few stations, seldom."""
+    """A member measured by few stations, seldom."""
     who = family_member(seed)
     return replace(who, rate=30.0, fibre=replace(who.fibre, spacing=1.6e-3))
 
 
 @pytest.mark.slow
-def test_one_seed_is_predicted_worse_the_farther_from_what_was_taught(family_sweep, tmp_path, monkeypatch):
+def test_one_seed_is_predicted_worse_the_farther_from_the_training(family_sweep, monkeypatch):
     monkeypatch.setattr(family_sweep, "family_member", coarse)
-    seeds = family_sweep.Seeds(1, first=1, elements=20, links=5)
-    store = Store(tmp_path, {"sweep": "test"})
-    assert run_chunks(seeds, store).made == 1
-    samples = store.load(0, 0, 1)
-    row = {name: samples[name].values[0] for name in samples.data_vars}
-    assert (row["told"], row["failed"]) == ("", False)
-    tips = [row[f"{case}_tip_percent"] for case in family_sweep.HELD_OUT]
+    row = family_sweep.row_of(1, elements=20)
+    assert row["message"] == ""
+    tips = [row[f"{case}_tip_percent"] for case in family_sweep.CASES]
     assert 0.1 < tips[0] < 10.0
     assert tips[2] > 1.5 * tips[0]
     assert abs(row["inside_frequency_percent"]) < 10.0
     assert row["inside_shape_percent"] < tips[0]  # the tip goes farthest of the body
     assert 0.0 < row["inside_joints_mrad"] < 300.0
-    assert run_chunks(seeds, store).found == 1
-    told = family_sweep.table(samples)
-    assert f"{tips[0]:+7.2f}" in told
-    assert f"seed 1, {row['terms']}, Iso6358" in family_sweep.worst(samples)
+    text = family_sweep.summary([row])["tip, RMS, % of length"]["0.66 times"]
+    assert text.startswith(f"{tips[0]:.1f}, ")
 
 
 def test_joint_angles_of_a_chain_are_those_that_laid_it(family_sweep, rng):
@@ -52,12 +44,19 @@ def test_joint_angles_of_a_chain_are_those_that_laid_it(family_sweep, rng):
     assert family_sweep.joint_angles(tips) == pytest.approx(angle, abs=1e-12)
 
 
-def test_a_prediction_that_is_refused_is_told_and_counted(family_sweep, monkeypatch):
-    def refuse(*_args, **_late):
+def test_a_prediction_that_is_refused_is_reported(family_sweep, monkeypatch):
+    def refuse(*_args):
         raise family_sweep.PliantError("no such body")
 
     monkeypatch.setattr(family_sweep, "judged", refuse)
-    row = family_sweep.Seeds(1, first=4).work(0)
-    assert row["told"][0] == "no such body"
-    assert row["failed"][0]
-    assert np.isnan(row["inside_tip_percent"][0])
+    row = family_sweep.row_of(4)
+    assert row["message"] == "no such body"
+    assert np.isnan(row["inside_tip_percent"])
+
+
+def test_the_summary_counts_and_finds_the_worst(family_sweep):
+    names = [f"{case}_{metric}" for case in family_sweep.CASES for metric in family_sweep.METRICS]
+    rows = [dict.fromkeys(names, value) for value in (60.0, 90.0, np.nan, 100.0)]
+    lines = family_sweep.summary(rows)
+    assert lines["tip, RMS, % of length"]["2 times"] == "90.0, 98.0, 100.0 (3)"
+    assert lines["within the 95 % band, %"]["2 times"] == "90.0, 66.0, 60.0 (3)"

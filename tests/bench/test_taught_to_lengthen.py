@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
+import lengthening
 import pytest
-from benchmark_scripts import loaded
 
 from pliant.testbed.rod import actuator
-
-lengthening = loaded("lengthening")
 
 
 @pytest.mark.slow

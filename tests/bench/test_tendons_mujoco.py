@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmark_scripts import loaded
 from scipy.spatial.transform import Rotation
 
 from pliant import equilibrium
@@ -17,7 +16,9 @@ LEVELS = {"tension": [(8.0, 5.0)], "displacement": [(6e-3, 2e-3), (6e-3, -5e-3)]
 
 @pytest.fixture(scope="module")
 def bench():
-    return loaded("tendons_mujoco")
+    import tendons_mujoco
+
+    return tendons_mujoco
 
 
 def bent(made, bends, twists):

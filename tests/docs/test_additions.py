@@ -16,7 +16,6 @@ from pliant.exporters import registry as exporters
 from pliant.identification.names import find_path
 from pliant.model.torque_law import law_parameters
 from pliant.recording.registry import ENDINGS
-from pliant.selection import TERMS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -26,7 +25,6 @@ def page(name: str) -> str:
 
 
 @pytest.mark.parametrize(("name", "listed"), [
-    ("studies", [f"| `{name}` |" for name in TERMS]),
     ("studies", [f"`{kind}{term}`" for term in SPRING_TERMS for kind in ("", "axial_")]),
     ("studies", [f"`{name}`" for name in law_parameters()]),
     ("export", [f"(`{name}`)" for name in exporters.BUILT_IN]),

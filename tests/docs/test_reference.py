@@ -85,3 +85,13 @@ def test_schemas_take_what_pliant_writes(reference):
     made = reference.schemas()
     assert {"study.schema.json", "model.schema.json", "metrics.schema.json"} == set(made)
     assert "noise" in made["study.schema.json"]["$defs"]["Recording"]["properties"]
+
+
+def test_checks_terms_and_export_targets_stand_in_tables(pages):
+    from pliant.exporters import table as targets
+    from pliant.preprocessing.plausibility import table as checks
+    from pliant.selection import TERMS
+
+    assert checks.table() in pages["what_is_checked"]
+    assert [name for name in TERMS if f"| `{name}` |" not in pages["studies"]] == []
+    assert targets.table() in pages["export"]

@@ -1,28 +1,20 @@
-"""The fuzzer of benchmarks/hardness.py at a small size: nothing crashes, nothing is silent; and the fuzzer sees it."""
+"""The fuzzer of hardness.py at a small size: nothing crashes, nothing is silent; and the fuzzer sees it."""
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import Counter
-from pathlib import Path
 
+import forked
+import hardness
+import hostile
+import mutations
 import numpy as np
 import pytest
-
-BENCHMARKS = str(Path(__file__).parents[2] / "benchmarks")
 
 
 @pytest.fixture(scope="module")
 def tools():
-    sys.path.append(BENCHMARKS)  # last: a script hides no package and no helper of other tests
-    try:
-        import forked
-        import hardness
-        import hostile
-        import mutations
-    finally:
-        sys.path.remove(BENCHMARKS)
     with forked.forked():
         yield hardness, hostile, mutations
 

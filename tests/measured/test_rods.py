@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import benchmark_scripts
 import numpy as np
 import pytest
-
-rods = benchmark_scripts.loaded("rods")
+import rods
 
 
 @pytest.mark.parametrize(("n", "bound"), [(3, 3.2), (5, 1.2), (8, 0.5)])
@@ -35,7 +33,7 @@ def test_a_helix_is_reached_with_the_square_of_the_number_of_links():
 @pytest.mark.parametrize("name", rods.RODS)
 @pytest.mark.parametrize(("n", "bound"), [(5, 0.8), (8, 0.3)])
 def test_static_shapes(shared_data, monkeypatch, name, n, bound):
-    """Every fiftieth shape; `python benchmarks/rods.py` takes all."""
+    """Every fiftieth shape."""
     monkeypatch.setattr(rods, "DATA", shared_data / "spatial_rod_reference")
     assert np.median(rods.static_errors(name, n, 50)) < bound
 

@@ -14,7 +14,6 @@ from pliant.model.section import bending_stiffness, joint_placement
 from pliant.preprocessing.align import align
 from pliant.preprocessing.labels import exclude_swaps, label_order, undo_swaps
 from pliant.preprocessing.plausibility import CHECKS, Case, doubts
-from pliant.preprocessing.plausibility.table import table
 from pliant.preprocessing.plausibility.together import beside
 from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording, read
@@ -256,11 +255,6 @@ def test_degrees_that_a_header_calls_rad_are_not_undone_as_whole_turns(tmp_path)
     ds = read(file)
     assert "angle_unit" in quality(ds).doubts["unit of angle"]
     np.testing.assert_allclose(np.ptp(ds["angle"].values), np.ptp(angle[::10]), rtol=1e-3)
-
-
-def test_the_documentation_has_every_check():
-    page = (Path(__file__).parents[2] / "docs" / "what_is_checked.md").read_text(encoding="utf-8")
-    assert table() in page
 
 
 def test_the_torque_of_a_tendon_is_not_held_against_a_pressure():

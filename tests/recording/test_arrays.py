@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import h5py
+import hdf5_files
 import numpy as np
 import pytest
-from benchmark_scripts import loaded
 from scipy.io import savemat
 
 from pliant.errors import InputError
 from pliant.recording import read
 
-hdf5_files = loaded("hdf5_files")
 TIME = np.arange(6) / 10
 POSITION = np.arange(6 * 2 * 3.0).reshape(6, 2, 3)
 

@@ -6,15 +6,14 @@ import pickle
 import sys
 
 import h5py
+import hdf5_files as files
 import numpy as np
 import pytest
-from benchmark_scripts import loaded
 
 from pliant.errors import InputError
 from pliant.recording import read
 from pliant.recording.pandas_layout import plain_value, read_frame
 
-files = loaded("hdf5_files")
 CAMERA = {"camera": {"rate_hz": 60.0, "pixels_per_mm": 4.0}}
 PIXELS = np.random.default_rng(3).uniform(100, 900, (20, 3, 2))
 METRES = PIXELS * [1.0, -1.0] / 4e3

@@ -10,10 +10,10 @@ import sys
 from pathlib import Path
 
 import h5py
+import hdf5_files as files
 import numpy as np
 import pytest
 import xarray as xr
-from benchmark_scripts import loaded
 
 from pliant.errors import InputError
 from pliant.files import seal
@@ -24,7 +24,6 @@ from pliant.recording.netcdf import read_groups
 from pliant.testbed.truth import read_truth
 from pliant.validation.store import load_outcome
 
-files = loaded("hdf5_files")
 CAMERA = {"camera": {"rate_hz": 60.0, "pixels_per_mm": 4.0}}
 PIXELS = np.random.default_rng(3).uniform(100, 900, (20, 3, 2))
 TIME = np.arange(20) / 10

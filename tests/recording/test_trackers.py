@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import hdf5_files
 import numpy as np
 import pandas as pd
 import pytest
-from benchmark_scripts import loaded
 
 from pliant.errors import InputError
 from pliant.recording import read
 from pliant.recording.camera import Camera
 
-hdf5_files = loaded("hdf5_files")
 CAMERA = {"rate_hz": 60.0, "pixels_per_mm": 4.0}
 NAMES = ["base", "mid", "tip"]
 

@@ -6,6 +6,7 @@ docs/figures hold what is printed: what is measured is thick and grey, what is m
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -188,15 +189,32 @@ def test_fits_side_by_side(outcome):
         assert max(map(len, shown.split("\ntraining")[0].split("\n"))) == wide
 
 
+@pytest.mark.parametrize("width", [7.16, COLUMN])
+def test_long_names_of_stations_do_not_run_into_the_next_panel(outcome, width):
+    """Names as trackers give them, in a column and on a page."""
+    record = outcome.fits[0].records[0]
+    names = tuple(f"left front marker {k}" for k in range(len(record.experiment.stations)))
+    with page(width):
+        figure = figures.record_figure(replace(record, experiment=replace(record.experiment, stations=names)))
+    figure.draw_without_rendering()
+    boxes = [ax.yaxis.label.get_window_extent() for ax in figure.axes[0:8:2]]  # one column, from the top
+    assert all(lower.y1 < upper.y0 for upper, lower in pairwise(boxes))
+    assert len({ax.get_ylabel() for ax in figure.axes[0:6:2]}) == 3  # the numbers are not cut off
+
+
 def test_residuals_and_their_correlation(outcome):
     left, right = (figure := figures.residual_figure(outcome.fits[0].records[0])).axes
     assert tuple(figure.get_size_inches()) == pytest.approx((7.16, 2.5))
-    assert looks(left) == looks(right) == {"x": X, "y": Y}
+    assert looks(left) == {"x": X, "y": Y}
+    assert [(line.get_color(), line.get_linestyle()) for line in right.lines] == [X[:2], Y[:2]]
+    assert [text.get_text() for text in right.get_legend().get_texts()] == ["95 % of white noise"]  # x and y once
     assert [line._unscaled_dash_pattern[1] for line in left.lines] == [None, (4, 1.5)]
     assert figures.RESIDUALS[1] == ("#c1440e", (0, (4, 1.5)))
     assert figures.RESIDUALS[2] == ("#0b6b5b", (0, (1, 1)))
-    assert (left.get_legend()._ncols, right.get_legend()._ncols) == (2, 3)
-    assert right.get_ylim() == (-1.05, 1.05)
+    assert left.get_legend()._ncols == 2
+    least = min(line.get_ydata().min() for line in right.lines)
+    assert right.get_ylim()[1] == 1.05
+    assert -1.05 <= right.get_ylim()[0] <= least - 0.05  # fitted to what is drawn
     (band,) = right.patches
     assert band.get_zorder() == 0
     assert band.get_facecolor()[0] == pytest.approx(0.85)

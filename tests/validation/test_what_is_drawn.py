@@ -9,6 +9,7 @@ import pytest
 from matplotlib import animation
 
 from pliant.errors import InputError
+from pliant.plotting import PAGE_WIDTH, page
 from pliant.selection import ModelSelection, SelectionStep
 from pliant.validation import figures
 from pliant.validation.draw import map_error
@@ -62,11 +63,10 @@ def test_residuals_show_their_correlation_and_the_band_of_white_noise(outcome):
     residual = 1e3 * (record.modelled[:, -1] - record.experiment.last_station)
     for k, name in enumerate("xy"):
         assert shows(left, residual[:, k], label=name)
-        (line,) = (line for line in right.lines if line.get_label() == name)
-        assert line.get_ydata()[0] == pytest.approx(1.0)
+        assert right.lines[k].get_ydata()[0] == pytest.approx(1.0)
     (band,) = right.patches
     assert band.get_height() == pytest.approx(2 * 1.96 / np.sqrt(len(residual)))
-    assert [t.get_text() for t in right.get_legend().get_texts()] == ["x", "y", "95 % of white noise"]
+    assert [t.get_text() for t in right.get_legend().get_texts()] == ["95 % of white noise"]  # x and y: at the left
 
 
 def test_a_path_shows_the_body_at_telling_instants_from_its_base(outcome):
@@ -117,6 +117,26 @@ def test_a_shape_is_drawn_with_its_chain_at_each_instant(shape):
     assert len(snaps.lines) >= 3  # measured, chain and spline at the instants
 
 
+def assert_labels_inside(ax):
+    """No label of a point runs past the frame."""
+    ax.figure.draw_without_rendering()
+    frame = ax.get_window_extent()
+    for text in ax.texts:
+        box = text.get_window_extent()
+        assert frame.x0 <= box.x0 <= box.x1 <= frame.x1, text.get_text()
+
+
+@pytest.mark.parametrize("width", [PAGE_WIDTH, 88 / 25.4])
+def test_the_label_of_the_last_of_many_terms_stays_in_the_frame(width):
+    """As long as a label may be, at the right end of a long way; on a page and in a column."""
+    title = "springs that soften or stiffen, within a bound"
+    steps = tuple(SelectionStep("creep" * (k > 0), title, ("a",) * (3 * k + 1), 0.1, {"x": 9.0 / (k + 1)},
+                                {"x": 10.0 / (k + 1)}) for k in range(6))  # fmt: skip
+    with page(width):
+        (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0)).axes
+    assert_labels_inside(ax)
+
+
 def test_a_model_selection_shows_the_errors_of_each_model_and_the_choice():
     steps = (SelectionStep("", "first", ("a",), 0.5, {"x": 9.0}, {"x": 10.0}),
              SelectionStep("creep", "creep", ("a", "b", "c"), 0.1, {"x": 3.0}, {"x": 4.0}),
@@ -127,6 +147,7 @@ def test_a_model_selection_shows_the_errors_of_each_model_and_the_choice():
                      "chosen": [[2, 3.9]]}
     assert [t.get_text() for t in ax.texts] == ["first", "+ creep", "without lag"]
     assert ax.get_xlabel() == "free parameters"
+    assert_labels_inside(ax)
     (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0), 5.0).axes
     (line,) = (line for line in ax.lines if line.get_label() == "plain map, left out")
     assert list(line.get_ydata()) == [5.0, 5.0]

@@ -228,5 +228,5 @@ def least_stiffness(model: Model, constant: float) -> float:
 def joint_damping(model: Model, constant: float) -> float:
     """Return the damping [N m s/rad] of joints with which the first mode decays with the time constant [s]."""
     omega, shape = first_mode(model)
-    turns = shape[: mechanics_of(model).joints.K.size] if model.extensions else shape
-    return float((constant * omega**2 + 1.0 / constant) / (turns @ turns))
+    one, none = (mechanics_of(model.with_(damping=value)).joints.D for value in (1.0, 0.0))
+    return float((constant * omega**2 + 1.0 / constant) / (shape @ ((one - none) * shape)))

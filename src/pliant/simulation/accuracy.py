@@ -3,8 +3,7 @@
 A second-order rule with the step 2h has four times the error of the step h, so that the difference of the two is three
 times the error of h (Richardson; Hairer, Norsett and Wanner I, Sec. II.4). If this difference is small, the simulation
 is accepted. Otherwise it is also repeated with h/2. Where the two differences are not in the ratio of 4, the steps are
-too long for this law, and the larger of two estimates is used. `benchmarks/energy.py` counts missed errors and false
-warnings.
+too long for this law, and the larger of two estimates is used.
 """
 
 from __future__ import annotations

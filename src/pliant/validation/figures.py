@@ -39,6 +39,7 @@ from pliant.validation.wording import ROLE, clip, digits, readable, sized
 Array = np.ndarray
 MOST_FITS = 4
 STATIONS = 3  # of a record's figure
+ONE_LINE = 8  # letters of a station's name that stand in one line with the quantity
 BAND: dict[str, Any] = {"facecolor": "0.9", "edgecolor": "0.75", "linewidth": 0.4, "zorder": 0.5}
 TIMELESS: dict[str, Any] = {"svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None}}
 SPARSE = 120  # up to this number of frames, measured points are drawn as single marks
@@ -77,7 +78,7 @@ def record_figure(record: RecordOutcome) -> Figure:
                 measured(ax, exp.time, factor * exp.compared[:, s, axis])
                 ax.plot(*thin(exp.time, factor * record.modelled[:, s, axis]), **MODELLED)
                 draw_baseline(ax, record, s, axis)
-                ax.set_ylabel(f"{clip(readable(exp.stations[s]), 18)} {names[axis]} ({unit})")
+                ax.set_ylabel(station_label(exp.stations[s], f"{names[axis]} ({unit})"))
         for axis, ax in enumerate(axes[len(chosen)]):
             draw_residuals(ax, exp.time, factor * (record.modelled - exp.compared)[..., axis])
             ax.set_ylabel(f"residual\n{names[axis]} ({unit})")
@@ -88,6 +89,17 @@ def record_figure(record: RecordOutcome) -> Figure:
         figure.align_ylabels()
         legend(figure, panels)
     return figure
+
+
+def station_label(station: str, quantity: str) -> str:
+    """Return the label of a panel: the station and what is drawn of it, in two lines if the station's name is long. The
+    end of a name, which often numbers the station, is kept.
+    """
+    name, width = clip(readable(station)), 12 if WIDTH.get() < NARROW else 18
+    if len(name) > width:
+        name = f"{name[: width - 6].rstrip()}…{name[-5:]}"
+    separator = " " if len(name) <= ONE_LINE else "\n"
+    return f"{name}{separator}{quantity}"
 
 
 def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
@@ -137,13 +149,14 @@ def residual_figure(record: RecordOutcome) -> Figure:
         for axis, (name, (colour, dash)) in enumerate(zip(names, RESIDUALS, strict=False)):
             line: dict[str, Any] = {"color": colour, "linestyle": dash, "linewidth": 0.85, "label": name}
             left.plot(*thin(exp.time, residual[:, axis]), **line)
-            right.plot(*autocorrelation(exp.time, residual[:, axis]), **line)
+            right.plot(*autocorrelation(exp.time, residual[:, axis]), **line | {"label": None})
         band = 1.96 / np.sqrt(max(np.isfinite(residual[:, 0]).sum(), 1))
         right.axhspan(-band, band, color="0.85", zorder=0, label="95 % of white noise")
         left.set(xlabel="time (s)", ylabel=f"residual of {clip(readable(exp.stations[-1]), 18)} ({unit})")
-        right.set(xlabel="lag (s)", ylabel="autocorrelation", ylim=(-1.05, 1.05))
+        least = min(-2.0 * band, *(float(np.min(line.get_ydata())) for line in right.lines))
+        right.set(xlabel="lag (s)", ylabel="autocorrelation", ylim=(least - 0.05, 1.05))
         left.legend(ncols=2)
-        right.legend(ncols=3)
+        right.legend()
         figure.align_ylabels()
     return figure
 

@@ -86,16 +86,21 @@ def selection_figure(selection: ModelSelection, plain_map: float | None = None) 
         free = [len(s.free) for s in steps]
         ax.plot(free, [s.train_percent for s in steps], color="0.6", marker="o", markersize=4, label="training")
         ax.plot(free, [s.left_out_percent for s in steps], color=DARK, marker="s", markersize=4, label="parts left out")
+        middle = 0.5 * (min(free) + max(free))
         for k, step in enumerate(steps):
-            name = clip(step.title, 30)
-            ax.annotate(f"+ {name}" if step.joins else name,
-                        (free[k], step.left_out_percent), xytext=(5, 4), textcoords="offset points", fontsize=6.5)
+            name, errors = clip(step.title, 30), (step.train_percent, step.left_out_percent)
+            # labels grow towards the middle of the frame: above the falling curves on the left, below on the right
+            y, look = (min(errors), {"xytext": (-4, -4), "ha": "right", "va": "top"}) if free[k] > middle else (
+                max(errors), {"xytext": (5, 4), "ha": "left"})  # fmt: skip
+            ax.annotate(f"+ {name}" if step.joins else name, (free[k], y), textcoords="offset points", fontsize=6.5,
+                        **look)  # fmt: skip
         ax.plot(free[-1], steps[-1].left_out_percent, color=DARK, marker="s", markersize=8, fillstyle="none",
                 linestyle="", label="chosen")
         if plain_map is not None:
             ax.axhline(plain_map, color="black", linestyle=":", linewidth=1.0, label="plain map, left out")
+        ax.margins(y=0.12)
         ax.set(xlabel="free parameters", ylabel="error (% of peak displacement)", yscale="log",
-               xlim=(min(free) - 0.5, max(free) + 0.35 * (max(free) - min(free)) + 2.0))
+               xlim=(min(free) - 0.5, max(free) + 0.5))
         ax.yaxis.set_major_formatter("{x:g}")
         ax.yaxis.set_minor_formatter("{x:g}")
         ax.legend()

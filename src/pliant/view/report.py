@@ -146,7 +146,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
 
 
 def worst_record(outcome: StudyOutcome) -> str:
-    """Return a sentence that names the recording with the largest error under the first fit, a held-out one if there
+    """Return the words that name the recording with the largest error under the first fit, a held-out one if there
     are any.
     """
     records = outcome.fits[0].records
@@ -155,7 +155,7 @@ def worst_record(outcome: StudyOutcome) -> str:
         return ""
     worst = max(candidates, key=lambda r: r.metrics.get("rmse_percent_of_travel") or 0.0)
     which = "held-out record" if worst.role == "held_out" else "record"
-    return f"Look first at {worst.name}, the {which} with the largest error: click its cell in the table, then Play."
+    return f"Look first at {worst.name}, the {which} with the largest error"
 
 
 def clock_title(name: str, delay: float) -> str:

@@ -5,13 +5,10 @@ pulses of 50 and 120 kPa in one chamber, then in the other, and one of 60 kPa in
 whose positions on the base are known, define the frame. A chain of six links with one axial strain is trained on these
 recordings, with marker positions from the first frames, and predicts pulses in both chambers. The fitted parameters are
 compared with the true values of the rod, which shares no code with the chain.
-
-Usage: python benchmarks/lengthening.py [seeds of the sensors]
 """
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections.abc import Iterable
 from dataclasses import replace
@@ -36,7 +33,6 @@ TRAIN = {"left_50": "pulse_50+0_1500ms", "left_120": "pulse_120+0_1500ms", "righ
          "right_120": "pulse_0+120_1500ms", "both_60": "pulse_60+60_1500ms"}  # fmt: skip
 HELD_OUT = {"both_100": "pulse_100+100_1500ms", "uneven": "pulse_130+60_1500ms", "overlapping": "overlapping"}
 RUBBER = ("stiffness", "damping", "stiffening", "axial_stiffness", "axial_damping")
-MODELS = {"springs": (), "and creep": ("creep_share_1", "creep_time_1")}
 
 
 def planar(recording: xr.Dataset) -> xr.Dataset:
@@ -100,24 +96,3 @@ def missed(exp: Experiment, fitted: FitResult) -> tuple[float, float, float]:
     error = 100.0 * float(np.sqrt(np.nanmean(np.sum((made - exp.position) ** 2, axis=-1)))) / exp.travel
     far = [np.linalg.norm(rows[:, -1], axis=-1) for rows in (made, exp.position)]
     return error, *(1e3 * float(np.nanmax(f) - np.nanmedian(f[:5])) for f in far)
-
-
-def main(seeds: int) -> None:
-    """Print the fitted parameters and the prediction errors."""
-    true = truth(actuator("lengthening"))
-    for seed in range(1, seeds + 1):
-        experiments, model = recorded(seed, {**TRAIN, **HELD_OUT})
-        for title, more in MODELS.items():
-            fitted = taught((experiments[n] for n in TRAIN), model, more)
-            print(f"sensors {seed}, {title}: {fitted.status}")
-            for p in fitted.parameters:
-                if p.name in true and p.std is not None:
-                    print(f"  {p.name} {p.value:.4g} +- {p.std:.2g} {p.unit}, the rod's {true[p.name]:.4g}")
-            for name in HELD_OUT:
-                error, made, seen = missed(experiments[name], fitted)
-                print(f"  {name}: {error:.2f} % of {1e3 * experiments[name].travel:.0f} mm; base to tip "
-                      f"{made:+.2f} mm, measured {seen:+.2f} mm", flush=True)  # fmt: skip
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 3)

@@ -4,13 +4,10 @@ The virtual fibre with all its errors, and the pressure sensors of both chambers
 and 150 kPa in one chamber at a time. A chain of six links is trained on these recordings and predicts pulses in both
 chambers. The fitted chamber parameters are compared with the true values of the rod, which shares no code with the
 chain. Finally the program evaluates recordings in which both chambers follow one command.
-
-Usage: python benchmarks/two_chambers.py [seeds of the sensors]
 """
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -33,7 +30,6 @@ TOGETHER = {"same_60": "pulse_60_1500ms", "same_150": "pulse_150_1500ms"}  # one
 HELD_OUT = {"both": "pulse_100+130_1500ms", "overlapping": "overlapping", "in_turn": "in_turn"}
 CASES = {**TRAIN, **TOGETHER, **HELD_OUT}
 PLAIN = ("stiffness", "damping", "stiffening", "start")
-MODELS = {"springs": (), "and creep": ("creep_share_1", "creep_time_1")}
 UNEVEN = Parameter("stiffness_*", shrink=0.3)
 
 
@@ -86,32 +82,3 @@ def compliance(body: str, fitted: FitResult) -> tuple[np.ndarray, np.ndarray]:
     rod = build_body(actuator(body))
     lever = rod.gain * (1.0 + rod.gain_slope[:, None] * rod.rest_curvature)
     return c, (lever / rod.stiffness) @ rod.weight
-
-
-def told(body: str, fitted: FitResult) -> str:
-    """Return the fitted chambers compared with the rod's, with the standard errors of their gains."""
-    std = {p.name: 100.0 * p.std / abs(p.value) for p in fitted.parameters if p.free and p.std is not None}
-    return "bend per pressure against the rod's " + " and ".join(
-        f"{100 * (f / t - 1):+.1f} % (gain +- {std[f'{c.name}.torque_1']:.1f} %)"
-        for c, f, t in zip(CHAMBERS[body], *compliance(body, fitted), strict=True)
-    )
-
-
-def main(seeds: int) -> None:
-    """Print a table for each body."""
-    for body in BODIES:
-        for seed in range(1, seeds + 1):
-            experiments, model = recorded(body, seed)
-            for title, more in MODELS.items():
-                fitted = taught(body, [experiments[name] for name in TRAIN], model, more)
-                held = {name: experiments[name] for name in HELD_OUT}
-                errors = ", ".join(f"{name} {missed(exp, fitted):.2f} % of {1e3 * exp.travel:.0f} mm"
-                                   for name, exp in held.items())  # fmt: skip
-                print(f"{body}, sensors {seed}, {title}: {errors}; {told(body, fitted)}", flush=True)
-            for title, more in {"springs": (), "K of each joint": (UNEVEN,)}.items():
-                fitted = taught(body, [experiments[name] for name in TOGETHER], model, more)
-                print(f"{body}, sensors {seed}, {title}, taught by both together: {told(body, fitted)}", flush=True)
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 3)

@@ -1,9 +1,9 @@
 """Test pliant with damaged files, malicious models and studies, energy balances of random chains, and an attacked loop.
 
-    python benchmarks/hardness.py --files 100000 --models 20000 --loop --minutes 300     # the full size
-    python benchmarks/hardness.py --files 2000 --models 500                              # a short run
-    python benchmarks/hardness.py --hdf5 20000                                           # HDF5 alone
-    python benchmarks/hardness.py --prices                                               # the cost of the checks
+    python tests/hardness/hardness.py --files 100000 --models 20000 --loop --minutes 300     # the full size
+    python tests/hardness/hardness.py --files 2000 --models 500                              # a short run
+    python tests/hardness/hardness.py --hdf5 20000                                           # HDF5 alone
+    python tests/hardness/hardness.py --prices                                               # the cost of the checks
 
 Formats with a helper process are read in a process forked for each file (`forked.py`), under the limits of
 `pliant.recording.apart`. Every attempt runs in a supervised process. If a process ends by a signal or takes longer than
@@ -26,6 +26,8 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).parents[1]))  # hdf5_files
 
 from pliant.errors import PliantError
 

@@ -1,6 +1,4 @@
-"""Count how often predictive control finds no command, for random bodies, limits, states and targets that are feasible.
-
-    python benchmarks/predictive.py --problems 10000 --seed 1
+"""Random problems of predictive control: bodies, limits, states and targets that are feasible.
 
 The bodies have two to six links and one to three chambers, without valve or behind a valve of first or second order,
 with or without dead time. Periods are 2 to 10 ms. Slew limits take 0.02 to 2 s from no pressure to the highest. The
@@ -10,9 +8,6 @@ convex. Solutions are compared with their conditions of optimality, whose multip
 """
 
 from __future__ import annotations
-
-import argparse
-import json
 
 import numpy as np
 from scipy.optimize import nnls
@@ -125,18 +120,3 @@ def tried(seed: int, problems: int, *, slew: bool, zero: bool) -> dict[str, floa
             law.step(k * period, a_state(rng, body, at), float(at[0]) if C == 1 else at)
         count, failed, worst = count + EACH, failed + law.failed, max(worst, law.program.worst)
     return {"problems": count, "failed": failed, "bodies_refused": refused, "worst_optimality": worst}
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--problems", type=int, default=10000, help="in all; a quarter of each kind")
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
-    for slew in (False, True):
-        for zero in (False, True):
-            row = {"slew_limit": slew, "target": "rest" if zero else "random"}
-            print(json.dumps(row | tried(asked.seed, asked.problems // 4, slew=slew, zero=zero)), flush=True)
-
-
-if __name__ == "__main__":
-    main()

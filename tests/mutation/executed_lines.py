@@ -74,7 +74,7 @@ class Recorder:
 
     def pytest_collection_finish(self, session: Any) -> None:
         for item in session.items:
-            for name, definitions in item._fixtureinfo.name2fixturedefs.items():  # noqa: SLF001
+            for name, definitions in item._fixtureinfo.name2fixturedefs.items():
                 for definition in definitions:
                     self.fixtures.setdefault(f"{definition.baseid}::{name} fixture", []).append(item.nodeid)
 

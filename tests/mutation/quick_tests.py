@@ -20,7 +20,7 @@ from pathlib import Path
 
 from executed_lines import OUT, Executed, by_line
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 LIBRARIES = ("numpy", "scipy.optimize", "scipy.signal", "scipy.stats", "numba", "pandas", "xarray", "pydantic", "typer",
              "matplotlib.pyplot", "h5netcdf", "jinja2", "pytest")  # fmt: skip
 QUICK = ["-q", "-p", "no:randomly", "-p", "no:cacheprovider", "-m", "not slow", "--tb=no", "-n0"]

@@ -1,6 +1,6 @@
 """Change the code of the package at random, run the quick tests that execute each change, and print unnoticed changes.
 
-    python benchmarks/mutants.py --count 34 --seed 1 model validation estimation batch preprocessing video
+    python tests/mutation/mutants.py --count 34 --seed 1 model validation estimation batch preprocessing video
 
 A mutant changes one operator, comparison, number, sign, condition or statement. The program first records which quick
 tests execute which line; the record takes as long as the tests, and is kept while neither source nor tests change. The

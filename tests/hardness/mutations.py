@@ -314,7 +314,7 @@ def _outcome(original: Original, data: bytes, kind: str, at: int, whole: Whole, 
             return "silent", f"{kind} was read"
     except InputError as error:
         return ("crash" if "\n" in str(error) or "Traceback" in str(error) else "refused"), str(error)
-    except BaseException as error:  # noqa: BLE001  whatever it is, it is what is looked for
+    except BaseException as error:
         return "crash", f"{type(error).__name__}: {error}"
     same = ds.drop_attrs(deep=False).equals(whole.recording.drop_attrs(deep=False))
     history, before = (str(d.attrs["history"]).split("\n")[:-1] for d in (ds, whole.recording))
