@@ -83,7 +83,7 @@ def test_a_pair_of_tendons_turns_joints_to_opposite_sides_and_shortens_both():
     np.testing.assert_allclose(
         both.levers, [[*first, -0.05, 0], [*(-v for v in first), -0.05, 0], [0, 0, 0, 0.02, 0, 0.02, -0.1, -0.2]]
     )
-    k, T0, mu, rate = both.tendon_constants
+    k, T0, mu, rate, _ = both.tendon_constants
     assert k.tolist() == [2e3, 2e3, 0.0]
     assert T0.tolist() == [3.0, 3.0, 0.0]
     assert mu.tolist() == [0.2, 0.2, 0.0]
