@@ -41,20 +41,20 @@ class Settling(NamedTuple):
     load: np.ndarray  # (n + 1, 3, 5) forces on the links, as `add_pose_loads` takes them
 
 
-def slip_on(r, x, last, run, body, work):
+def slip_on(r, x, found, body, work):
     """Write the slip direction of tendon r at its entry and at n joints to work.run[r] (n + 1,), after the chain has
-    moved from `last` (N,) to x (N,). `run` (R, n + 1) are the slip directions at `last`.
+    moved from found.last (N,) to x (N,). found.run (R, n + 1) are the slip directions at found.last.
 
     The direction changes with the length drawn in, up to 1 or -1, where the tendon slips. `TURN` times the largest
     lever arm is the length over which it changes by 1. Until it slips, the tendon is held. This is a Prandtl element.
     """
     arm = 1e-30 + 0.0 * x[0]
     for i in range(len(x)):
-        work.v[i] = x[i] - last[i]
+        work.v[i] = x[i] - found.last[i]
         if abs(body.lever[r, i].real) > arm.real:
             arm = body.lever[r, i] if body.lever[r, i].real > 0.0 else -body.lever[r, i]
     for k in range(body.beyond.shape[1]):
-        way = run[r, k] + drawn_in(r, k, work.v, body) / (TURN * arm)
+        way = found.run[r, k] + drawn_in(r, k, work.v, body) / (TURN * arm)
         if way.real > 1.0:
             way = 1.0 + 0.0 * way
         elif way.real < -1.0:
@@ -62,28 +62,26 @@ def slip_on(r, x, last, run, body, work):
         work.run[r, k] = way
 
 
-def forces_after(x, last, run, torque, load, body, joints, work, push):
+def forces_after(x, torque, found, body, joints, work, push):
     """Write the net generalized force on the chain at rest at x (N,) to push (N,) [N m]. The chain has moved there from
-    `last` (N,), with the slip directions `run` (R, n + 1) of its R tendons.
+    found.last (N,), with the slip directions found.run of its tendons.
 
-    Friction opposes this motion. The force is zero in equilibrium.
-
-    `load` (n + 1, 3, 5) holds the forces on the links.
+    Friction opposes this motion. The force is zero in equilibrium. found.load are the forces on the links.
     """
     for r in range(len(body.friction)):
-        slip_on(r, x, last, run, body, work)
+        slip_on(r, x, found, body, work)
     forces_at_rest(x, torque, body, joints, work, push)
-    add_pose_loads(load, body, work, push)
+    add_pose_loads(found.load, body, work, push)
 
 
-def stiffness_at(x, last, run, torque, load, body, joints, work, K):
+def stiffness_at(x, torque, found, body, joints, work, K):
     """Write the stiffness K (N, N) [N m/rad] at the pose x (N,): minus the derivative of the net force at rest by x.
 
     The net force is that of `forces_after`.
     """
     for j in range(len(x)):
         x[j] = x[j] + complex(0.0, STEP)
-        forces_after(x, last, run, torque, load, body, joints, work, work.a)
+        forces_after(x, torque, found, body, joints, work, work.a)
         x[j] = x[j] - complex(0.0, STEP)
         for i in range(len(x)):
             K[i, j] = -work.a[i].imag / STEP
@@ -122,11 +120,11 @@ def settle(torque, body, joints, work, found, K):
     found.last (N,) and found.run (R, n + 1) are the pose before and its slip directions. Newton's method; a move that
     increases the residual is halved. Returns 0 also where no equilibrium is found.
     """
-    x, last, run, push, move = found.at, found.last, found.run, found.push, found.move
-    forces_after(x, last, run, torque, found.load, body, joints, work, push)
+    x, push, move = found.at, found.push, found.move
+    forces_after(x, torque, found, body, joints, work, push)
     for _ in range(ROUNDS):
         before = largest_of(push)
-        stiffness_at(x, last, run, torque, found.load, body, joints, work, K)
+        stiffness_at(x, torque, found, body, joints, work, K)
         stiffest = 0.0
         for i in range(len(x)):
             stiffest = max(stiffest, abs(K[i, i]))
@@ -137,14 +135,14 @@ def settle(torque, body, joints, work, found, K):
         part = min(1.0, FARTHEST / max(far, 1e-300))
         for i in range(len(x)):
             x[i] = x[i] + part * move[i].real
-        forces_after(x, last, run, torque, found.load, body, joints, work, push)
+        forces_after(x, torque, found, body, joints, work, push)
         if far < SETTLED:
             return 1.0 if shift == 0.0 else 0.0
         while largest_of(push) > before and part > 1e-4:
             part = 0.5 * part
             for i in range(len(x)):
                 x[i] = x[i] - part * move[i].real
-            forces_after(x, last, run, torque, found.load, body, joints, work, push)
+            forces_after(x, torque, found, body, joints, work, push)
     return 0.0
 
 
@@ -174,7 +172,7 @@ def settle_all(torque, body, joints, work, found):
     size = found.x.shape[1]
     for i in range(size):
         found.last[i] = complex(found.x[0, i], 0.0)
-    stiffness_at(found.last, found.last, found.run, torque[0], found.load, body, joints, work, found.K[0])
+    stiffness_at(found.last, torque[0], found, body, joints, work, found.K[0])
     for row in range(1, len(found.x)):
         good = 0.0
         for parts in PARTS:
@@ -191,7 +189,7 @@ def settle_all(torque, body, joints, work, found):
 def move_on(body, work, found):
     """Make the pose found.at (N,) the one from which the next is sought: update found.last (N,) and found.run."""
     for r in range(len(body.friction)):
-        slip_on(r, found.at, found.last, found.run, body, work)
+        slip_on(r, found.at, found, body, work)
         for k in range(found.run.shape[1]):
             found.run[r, k] = work.run[r, k]
     for i in range(len(found.at)):
@@ -212,7 +210,7 @@ def show_all(torque, body, joints, work, found, places, seen):
             found.at[i] = complex(found.x[row, i], 0.0)
             if row == 0:
                 found.last[i] = found.at[i]
-        forces_after(found.at, found.last, found.run, torque[row], found.load, body, joints, work, found.push)
+        forces_after(found.at, torque[row], found, body, joints, work, found.push)
         for i in range(size):
             found.push[i] = complex(0.0, found.push[i].imag)
         solved(found.K[row], 0.0, found.push, work, found.move)
