@@ -145,7 +145,7 @@ def test_the_command_of_a_tendon_is_a_force_for_each_unit_of_its_input():
         assert (made.kind, made.unit, made.torque.tolist()) == (kind, unit, [pytest.approx(force)])
         assert made.elastic is (kind != "tension")
         assert made.constants() == ((2e3, 3.0, 0.0, 1e-3, 0.0) if made.elastic else (0.0, 0.0, 0.0, 1e-3, 0.0))
-    assert Tendon(**LINE).constants() == (0.0, 0.0, 0.0, 1e-3)
+    assert Tendon(**LINE).constants() == (0.0, 0.0, 0.0, 1e-3, 0.0)
 
 
 @pytest.mark.parametrize(
