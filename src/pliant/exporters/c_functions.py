@@ -129,7 +129,8 @@ def chain_names(model: Model) -> tuple[Any, Any]:
     gravity, kind = of("gravity"), type(mechanics_of(model).body)
     if kind is symbols.ExtensibleBody:
         length = np.array([of("base_length"), *of("link_length")], dtype=object)
-        body: Any = symbols.ExtensibleBody(of("B"), length, of("h"), of("share"), *gravity, of("tip_inertia"))
+        inertia_of = {"B": of("B"), "h": of("h"), "tip_inertia": of("tip_inertia")}
+        body: Any = symbols.ExtensibleBody(l=length, share=of("share"), gx=gravity[0], gy=gravity[1], **inertia_of)
         springs = [of(f) for f in ("base_angle", "rest_angle", "K", "D", "hardening", "rest_angle")]
         return body, symbols.ExtensibleJoints(*[*springs, mechanics_of(model).joints.rest])
     if kind is symbols.Body:
