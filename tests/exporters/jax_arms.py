@@ -43,7 +43,7 @@ def with_inputs(model: Model, kind: str) -> Model:
 
     def other(c: Chamber) -> Chamber:
         if c.kind != "pressure":
-            friction = {"friction": 0.2, "entry_friction": 0.3}
+            friction = {"friction": 0.2, "entry_friction": 0.27}  # no tension of `levels`: there it has a kink
             more = friction | {"pretension": 3.0 if c.pair else -0.5} if kind != "plain" else {}
             return replace(c, **more if c.elastic else {k: more.get(k, 0.0) for k in ("friction", "entry_friction")})
         torque = [c.torque[0], 1e5] if law else [c.torque[0], second * c.torque[0] / 1e5]
