@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 
 import pliant.equations.poses as kernels
 from pliant.compiler.twin import makes_arrays, reached
+from pliant.equations.poses import TURN
 from pliant.errors import InputError, SimulationError
 from pliant.identification import Experiment, poses
 from pliant.identification.fit import fit
@@ -82,19 +83,58 @@ def test_friction_holds_against_the_way_to_each_pose():
         assert angle == pytest.approx(wanted, rel=1e-6)
 
 
+def bends(tension, **cord):
+    """Bend [rad] of one joint, K = 0.02 N m/rad and lever 5 mm, at each of the tensions of one tendon, in order."""
+    pull = Tendon.at_azimuth(0.0, [1], driven_by="tension", name="pull", lever=5e-3, **cord)
+    model = chain_model(length=0.1, mass=0.01, links=1, joint_placement="midsegment", stiffness=0.02, damping=1e-3,
+                        chambers=[pull], space=Space(), gravity=(0.0, 0.0, 0.0))  # fmt: skip
+    model = model.with_(stations=[Station("tip", 0, 0.05)])
+    time = np.arange(float(len(tension)))
+    exp = Experiment("b", time, 0.01 * np.arange(3.0 * time.size).reshape(-1, 1, 3), ("tip",), "trace",
+                     drives={"pull": Trace(time, np.array(tension))}, poses=True)  # fmt: skip
+    path = predict(model, exp, {}, STEP)["position"][:, 0]
+    return np.arctan2(path[:, 0], path[:, 2] - model.base_length)
+
+
+@pytest.mark.parametrize(("mu", "entry"), [(0.5, 0.0), (0.0, 0.4), (0.3, 0.2)])
+def test_a_cycle_of_poses_is_that_of_a_capstan_and_an_entry_that_stick(mu, entry):
+    """Loaded, held, unloaded, held, loaded again; the loop closes where it began, and no pose creeps."""
+    tension = [1.5, 3.0, 3.0, 2.9, 2.9, 1.5, 1.5, 1.5, 3.0, 1.5, 3.0]
+    angle, runs, wanted = 0.0, np.zeros(2), []
+    for T in tension:
+
+        def moved(a, last=angle, runs=runs):
+            return np.clip(runs + np.array([1.0, 0.5]) * (a - last) / TURN, -1.0, 1.0)
+
+        def net(a, T=T, moved=moved):
+            into, along = moved(a)
+            return 0.02 * a - 5e-3 * (T - into * min(entry, T)) * (1.0 + np.exp(-mu * along * a)) / 2.0
+
+        angle, runs = (end := brentq(net, -1.0, 3.0, xtol=1e-14)), moved(end)
+        wanted.append(end)
+    found = bends(tension, friction=mu, entry_friction=entry)
+    assert found == pytest.approx(wanted, abs=1e-8)
+    assert found[2] == pytest.approx(found[1], abs=1e-9)  # held: no creep
+    assert found[3] == pytest.approx(found[1], abs=2 * TURN)  # sticks
+    assert found[7] == pytest.approx(found[5], abs=1e-9)
+    assert found[5] - found[0] > 0.02  # the bend that friction keeps
+    assert found[[9, 10]] == pytest.approx(found[[5, 8]], abs=1e-6)  # a loop, and no drift
+    free = [5e-3 * T / 0.02 for T in tension]
+    assert found[0] < free[0] < found[5]
+
+
 PARAMETERS = {
     "stiffness": 0.02, "left.lever": 5e-3, "right.pretension": -0.5, "low.gain_x": 0.9, "friction": 0.3,
     "left.line_stiffness": 3e3, "base_tilt_x": 0.1, "base_tilt_z": -0.2, "tip.along": 0.05, "base_z": 0.01,
-    "mass": 0.02, "low.taper": 0.02,
+    "mass": 0.02, "low.taper": 0.02, "entry_friction": 0.2,
 }  # fmt: skip
-
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_derivatives_against_differences(friction):
     """Of the pose itself and, where it rubs, of the way that led there."""
     model, exp = robot(friction), recording(4)
-    values = {name: value for name, value in PARAMETERS.items() if friction or name != "friction"}
+    values = {name: value for name, value in PARAMETERS.items() if friction or "friction" not in name}
     sizes = {name: max(abs(value), 1e-2) for name, value in values.items()}
     rows, slopes = sensitivities(model, exp, values, sizes, STEP)
     assert np.abs(rows - predict(model, exp, values, STEP)["position"]).max() < 1e-14

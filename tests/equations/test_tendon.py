@@ -59,7 +59,7 @@ def pulled(chain, x, v=None, run=None):
     if run is not None:
         work.run[:] = run
     for r in range(0 if v is None else 3):
-        tendon.slip(r, x, v, chain.body, work)
+        tendon.slip(r, v, chain.body, work)
     tendon.tendon_torques(x, command(chain), chain.body, work)
     return work
 
@@ -94,10 +94,27 @@ def test_friction_leaves_what_the_capstan_formula_says(rng):
         assert torque[::2] == pytest.approx(-0.01 * DRAWN[0] * np.exp(-mu * run * bend), rel=1e-4)
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.4])
-def test_closed_cycles_give_nothing_back(rng, friction):
+@pytest.mark.parametrize("run", [1.0, -1.0, 0.3])
+def test_at_the_entry_the_tension_falls_by_the_force_of_friction_but_never_below_zero(rng, run):
+    chain = with_tendons(random_space_chain(rng, 2), rng, entry=1.5)
+    body = chain.body._replace(tendon_stiffness=np.zeros(3), pretension=np.zeros(3))
+    lost = {2.0: 1.5, 1.0: 1.0, -1.0: 0.0}  # of the tensions DRAWN
+    wanted = sum(body.lever[r] * (max(T, 0.0) - run * lost[T]) for r, T in enumerate(DRAWN))
+    work = pulled(chain._replace(body=body), chain.x, run=np.array([run, 0.0, 0.0]))
+    assert work.pull + work.rub == pytest.approx(wanted, rel=1e-12)
+
+
+def test_friction_never_supplies_power_in_five_hundred_random_motions(rng):
+    chain = swinging(rng, friction=0.4, slip_rate=1e-3, entry=1.2)
+    power = np.array([-pulled(chain, x, v).rub @ v for x, v in rng.normal(0, 0.5, (500, 2, 4))])
+    assert power.min() >= 0.0
+    assert power.max() > 1e-3
+
+
+@pytest.mark.parametrize(("friction", "entry"), [(0.0, 0.0), (0.4, 0.0), (0.0, 0.3), (0.4, 0.3)])
+def test_closed_cycles_give_nothing_back(rng, friction, entry):
     """Random closed paths of coordinates: friction takes what is put in, at every moment, and never gives."""
-    chain = swinging(rng, friction=friction, slip_rate=1e-3)
+    chain = swinging(rng, friction=friction, slip_rate=1e-3, entry=entry)
     samples, harmonics = 2000, np.arange(1, 4)[:, None]
     for _ in range(3):
         a, b = rng.normal(0, 0.3, (2, 3, 4))
@@ -111,7 +128,7 @@ def test_closed_cycles_give_nothing_back(rng, friction):
             work, loss = work - (found.pull + found.rub) @ v, loss + power
         scale = 2 * np.pi / samples
         assert work * scale == pytest.approx(loss * scale, abs=1e-4)
-        assert (loss * scale > 1e-3) if friction else (loss == 0.0)
+        assert (loss * scale > 1e-3) if friction or entry else (loss == 0.0)
 
 
 def reference(chain, end):
@@ -140,10 +157,10 @@ def test_second_order_through_slack_and_taut(rng, friction):
     assert -np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.2), errors
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.4])
-def test_account_of_a_motion(rng, friction):
+@pytest.mark.parametrize(("friction", "entry"), [(0.0, 0.0), (0.4, 0.0), (0.2, 0.5)])
+def test_account_of_a_motion(rng, friction, entry):
     """Work of the tendons and loss to friction as the step counts them, against an accurate solution and the energy."""
-    chain, end = swinging(rng, friction=friction), 0.05
+    chain, end = swinging(rng, friction=friction, entry=entry), 0.05
     chain = chain._replace(joints=chain.joints._replace(D=np.zeros(4)))
 
     def stored(x, v):
@@ -188,8 +205,9 @@ def test_stiff_tendons_need_no_small_step(rng, h, friction):
 
 def test_slopes_of_a_step_by_what_tendons_have(rng):
     """Complex steps through Newton's method, with friction, against differences of the converged step."""
-    chain = swinging(rng, friction=0.4, slip_rate=0.01)
-    given = {name: getattr(chain.body, name) for name in ("lever", "tendon_stiffness", "pretension", "friction")}
+    chain = swinging(rng, friction=0.4, slip_rate=0.01, entry=0.2)
+    names = ("lever", "tendon_stiffness", "pretension", "friction", "entry_friction")
+    given = {name: getattr(chain.body, name) for name in names}
     given |= {"x": chain.x, "v": chain.v, "drawn": np.array(DRAWN)}
 
     def after(z, name, way):

@@ -15,7 +15,8 @@ import pliant
 from pliant.model import Chamber, Memory, Model, Valve
 
 NUMBER = count()
-BODIES = {"plane": lambda: paper().with_(gravity=[0.4, -9.7], stiffening=-0.2, stiffening_bound=0.6, tip_mass=0.004),
+BODIES = {"plane": lambda: paper().with_(gravity=[0.4, -9.7], stiffening=-0.2, stiffening_bound=0.6, tip_mass=0.004,
+                                         tip_inertia=2e-6),
           "flat_longer": flat_longer, "twisting": lambda: twisting(2).with_(cubic_stiffening=0.2),
           "tied": lambda: tied(2), "pulled": lambda: pulled(2)}  # fmt: skip
 PASTS = {
@@ -42,8 +43,9 @@ def with_inputs(model: Model, kind: str) -> Model:
 
     def other(c: Chamber) -> Chamber:
         if c.kind != "pressure":
-            more = {"friction": 0.2, "pretension": 3.0 if c.pair else -0.5} if kind != "plain" else {}
-            return replace(c, **more if c.elastic else {"friction": more.get("friction", 0.0)})
+            friction = {"friction": 0.2, "entry_friction": 0.27}  # no tension of `levels`: there it has a kink
+            more = friction | {"pretension": 3.0 if c.pair else -0.5} if kind != "plain" else {}
+            return replace(c, **more if c.elastic else {k: more.get(k, 0.0) for k in ("friction", "entry_friction")})
         torque = [c.torque[0], 1e5] if law else [c.torque[0], second * c.torque[0] / 1e5]
         return replace(c, torque=np.array(torque), law=law or "polynomial", **given)
 

@@ -56,7 +56,7 @@ def in_space(links: int = 4) -> Model:
     )  # fmt: skip
     return chain_model(
         length=0.3, mass=0.1, links=links, joint_placement="midsegment", stiffness=0.5, damping=5e-3, chambers=chambers,
-        gravity=(0.5, 0.2, -9.8), tip_mass=0.01, name="in_space",
+        gravity=(0.5, 0.2, -9.8), tip_mass=0.01, tip_inertia=2e-6, name="in_space",
         space=Space(stiffness_ratio=1.3, rest_turn=[0.1, -0.05, 0.2], base_tilt=[0.2, -0.1, 0.3], radius=0.012),
         stations=[
             ("middle", 1, 0.02, 0.003, 0.004), ("base", -1, 0.01, 0.002, 0.001), ("tip", links - 1, 0.15 / links),

@@ -38,6 +38,7 @@ def random_model(rng: np.random.Generator, n: int, kind: int) -> Model:
         stiffness=rng.uniform(0.8, 1.6, n), damping=rng.uniform(2e-3, 8e-3, n), rest_angle=rng.uniform(-0.2, 0.2, n),
         torque=[rng.uniform(4e-7, 8e-7), 1e-13][: 1 + kind % 2], joint_gain=rng.uniform(0.7, 1.2, n),
         stiffening=rng.uniform(-0.3, 0.1, n), mass_at=("rod", "tip")[kind % 2], tip_mass=0.004 * (kind % 3),
+        tip_inertia=2e-6 * (kind % 3),
         cubic_stiffening=0.1 * (kind % 2), stiffening_bound=0.75 * (kind % 3 == 1),
         base_length=0.01 * (kind % 2), base_angle=rng.uniform(-0.5, 0.5),
         gravity=rng.uniform(-9, 9, 2), valve=VALVES[kind % 3], memory=MEMORIES[kind % 4],

@@ -45,7 +45,8 @@ def random_body(rng: np.random.Generator, kind: int) -> Model:
         link_length=length, link_mass=rng.uniform(0.008, 0.02, n), stiffness=rng.uniform(0.8, 1.6, n),
         damping=rng.uniform(2e-3, 8e-3, n), rest_angle=rng.uniform(-0.2, 0.2, n), chambers=chambers,
         stiffening=rng.uniform(-0.3, 0.1, n), cubic_stiffening=0.1, stiffening_bound=0.75 * (kind % 2),
-        mass_at=("rod", "tip")[kind % 2], tip_mass=0.004, base_length=0.015, base_angle=rng.uniform(-0.5, 0.5),
+        mass_at=("rod", "tip")[kind % 2], tip_mass=0.004, tip_inertia=2e-6, base_length=0.015,
+        base_angle=rng.uniform(-0.5, 0.5),
         gravity=rng.uniform(-9, 9, 2), extensions=segments, memory=MEMORIES[kind], name="random",
         stations=[("middle", 0, 0.01, 0.004), ("base", -1, 0.01, 0.002), ("tip", n - 1, 0.02)],
     )  # fmt: skip

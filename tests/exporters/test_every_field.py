@@ -40,7 +40,8 @@ def rich(kind: str = "limits") -> Model:
     if kind == "space":
         body = pulled(2)
         first, pair, *more = body.chambers
-        cords = [dataclasses.replace(first, friction=0.1), dataclasses.replace(pair, pretension=9.0), *more]
+        rubbing = dataclasses.replace(first, friction=0.1, entry_friction=0.2)
+        cords = [rubbing, dataclasses.replace(pair, pretension=9.0), *more]
         return body.with_(chambers=cords, space=dataclasses.replace(body.space, twist_ratio=0.7), stiffening=-0.1,
                           cubic_stiffening=0.2, stiffening_bound=0.7)
     lagging = Valve(rise_time=0.02, fall_time=0.03, dead_time=0.004, rise_rate=1e6, fall_rate=2e6, settle_share=0.1,
@@ -53,6 +54,7 @@ def rich(kind: str = "limits") -> Model:
     )
     return Model(
         link_length=[0.05, 0.04], link_mass=0.01, stiffness=1.0, damping=5e-3, chambers=chambers, tip_mass=0.003,
+        tip_inertia=2e-6,
         memory=Memory((0.1,), (0.5,), (0.1,), (0.02,), 0.05, axial_creep_share=(0.2,), axial_creep_time=(3.0,),
                       axial_slip_share=(0.1,), axial_slip_strain=(0.01,)), stiffening=-0.1, cubic_stiffening=0.2,
         stiffening_bound=0.7,

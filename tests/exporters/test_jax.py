@@ -156,7 +156,7 @@ def test_rest_is_the_equilibrium(body, inputs, tmp_path, double):
 
 SMOOTH = {  # parameters that switch a part off at their value of 0, or select one of its sides
     "rise_time", "fall_time", "rise_rate", "fall_rate", "stiffening_bound", "axial_stiffening_bound", "inflation_jm",
-    "friction",
+    "friction", "entry_friction",
 }
 
 

@@ -16,7 +16,7 @@ from pliant.simulation import equilibrium, simulate
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'pliant[bench]'")
 BODY = {"length": 0.3, "mass": 0.1, "joint_placement": "midsegment", "stiffness": 0.5, "damping": 2e-3,
-        "tip_mass": 0.01}  # fmt: skip
+        "tip_mass": 0.01, "tip_inertia": 2e-6}  # fmt: skip
 HALVES = (Extension(60.0, 0.05, 0.0, 0.15, "lower"), Extension(40.0, 0.03, 0.15, None, "upper"))
 WITHIN = (Extension(60.0, 0.05, 0.09, 0.13, "near"), Extension(40.0, 0.03, 0.13, None, "far"))  # both move one link
 PUSHING = Chamber((1e-6,), axial_gain=30.0, name="a")

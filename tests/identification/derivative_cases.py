@@ -45,7 +45,7 @@ TORQUES = 6e-7 * LEVELS / (1.0 + LEVELS / 2e5)
 VALUES: dict[str, float] = {
     "stiffness": 0.9, "damping": 6e-3, "stiffness_2": 0.8, "damping_3": 5e-3, "rest_angle": 0.11, "rest_angle_3": 0.07,
     "joint_share": 0.3, "gravity_angle": 2.7, "gain": 1.1, "joint_gain_1": 1.2, "joint_gain_2": 0.7,
-    "torque_1": 6e-7, "torque_2": 1e-12, "mass": 0.05, "tip_mass": 0.01,
+    "torque_1": 6e-7, "torque_2": 1e-12, "mass": 0.05, "tip_mass": 0.01, "tip_inertia": 5e-6,
     "valve_rise_time": 0.03, "valve_fall_time": 0.05, "valve_dead_time": 0.0033, "valve_rise_rate": 1.5e6,
     "valve_fall_rate": 9e5,
     "valve_dead_band": 2.3e3, "valve_opening_time": 0.11, "valve_settle_share": 0.2, "valve_settle_time": 0.3,
@@ -76,6 +76,7 @@ BANDS = tuple(f"{law}_{end}" for law in LAYOUTS for end in ("low", "high"))  # c
 PLAIN: dict[str, Any] = {
     "link_length": [0.04, 0.04, 0.03], "link_mass": [0.02, 0.018, 0.015], "stiffness": 0.9, "damping": 6e-3,
     "torque": [6e-7], "rest_angle": [0.1, 0.15, 0.05], "gravity": [3.0, -6.0], "base_length": 0.01, "tip_mass": 0.004,
+    "tip_inertia": 4e-6,
     "valve": Valve(rise_time=0.03, fall_time=0.05),
     "stations": (Station("mid", 1, 0.03, 0.008), Station("tip", 2, 0.025, -0.005)),
 }

@@ -16,7 +16,7 @@ TRACES = {name: Trace(TIME, 30e3 * (1.0 + np.sin(2 * np.pi * f * TIME + f)))
 SOUND = {
     "stiffness": 0.6, "damping": 6e-3, "cubic_stiffening": 0.3, "stiffness_ratio": 1.3, "twist_ratio": 0.8,
     "mass": 0.09, "base_tilt_x": 0.05, "base_tilt_y": -0.08, "base_tilt_z": 0.07, "rest_turn_x_2": 0.06,
-    "rest_turn_z_1": -0.1, "tip_mass": 0.004,
+    "rest_turn_z_1": -0.1, "tip_mass": 0.004, "tip_inertia": 5e-6,
     "red.gain_x": 1.1, "red.gain_y": -0.2, "green.cross_gain_2": 0.7, "blue.joint_gain_1": -0.4, "red.torque_1": 2.1e-6,
     "green.valve_rise_time": 0.03, "base_z": 1e-3, "base_x": -2e-3, "tip.aside": 3e-3, "mid.across": 1e-3,
     "mid.along": 0.05, "latency": 4e-3, "sensor_lag": 0.02, "start": 2e-3,
@@ -36,7 +36,7 @@ OF_SEGMENTS = {
 }  # fmt: skip
 OF_TENDONS = {
     "line_stiffness": 1.8e3, "cord.lever": 7e-3, "cord.taper": 0.02, "cord.pretension": 0.6, "red.pulley": 0.012,
-    "red.imbalance": 0.3, "friction": 0.2,
+    "red.imbalance": 0.3, "friction": 0.2, "entry_friction": 0.1,
 }  # fmt: skip
 
 

@@ -59,7 +59,9 @@ def test_blocks_of_poses_that_the_fit_did_not_see_are_predicted(shared_data):
     ready = prepared(shared_data, "spatial_tendon_robot", ["b3", "b9", "b15"], azimuth_deg=0.0)
     model = ready.model.with_(stations=[ready.model.points[-1]._replace(name="tip", link=5)])
     assert sum(e.time.size for e in ready.experiments.values()) == 270
-    assert error(ready._replace(model=model), ROBOT) < 6e-3
+    alone = error(ready._replace(model=model), ROBOT)
+    assert alone < 6e-3
+    assert error(ready._replace(model=model), ROBOT | {"entry_friction": 0.04}) < 0.97 * alone  # the tip trails
 
 
 @pytest.mark.slow

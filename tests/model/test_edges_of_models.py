@@ -83,7 +83,7 @@ def test_a_pair_of_tendons_turns_joints_to_opposite_sides_and_shortens_both():
     np.testing.assert_allclose(
         both.levers, [[*first, -0.05, 0], [*(-v for v in first), -0.05, 0], [0, 0, 0, 0.02, 0, 0.02, -0.1, -0.2]]
     )
-    k, T0, mu, rate = both.tendon_constants
+    k, T0, mu, rate, _ = both.tendon_constants
     assert k.tolist() == [2e3, 2e3, 0.0]
     assert T0.tolist() == [3.0, 3.0, 0.0]
     assert mu.tolist() == [0.2, 0.2, 0.0]
@@ -144,8 +144,8 @@ def test_the_command_of_a_tendon_is_a_force_for_each_unit_of_its_input():
         made = Tendon(**stiff, driven_by=kind, pulley=0.015 if kind == "angle" else 0.0)
         assert (made.kind, made.unit, made.torque.tolist()) == (kind, unit, [pytest.approx(force)])
         assert made.elastic is (kind != "tension")
-        assert made.constants() == ((2e3, 3.0, 0.0, 1e-3) if made.elastic else (0.0, 0.0, 0.0, 1e-3))
-    assert Tendon(**LINE).constants() == (0.0, 0.0, 0.0, 1e-3)
+        assert made.constants() == ((2e3, 3.0, 0.0, 1e-3, 0.0) if made.elastic else (0.0, 0.0, 0.0, 1e-3, 0.0))
+    assert Tendon(**LINE).constants() == (0.0, 0.0, 0.0, 1e-3, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -188,12 +188,12 @@ def test_a_tendon_has_no_field_of_a_chamber(field):
 
 def test_a_tendon_says_where_it_runs_and_what_drives_it():
     full = Tendon.at_azimuth(np.radians(30.0), [1.0, 1.0, 0.0], lever=0.012, driven_by="angle", line_stiffness=2e3,
-                             pretension=3.0, pulley=0.015, pair=True, imbalance=0.5, friction=0.25,
+                             pretension=3.0, pulley=0.015, pair=True, imbalance=0.5, friction=0.25, entry_friction=0.2,
                              valve=Valve(rise_time=0.02), name="left")  # fmt: skip
     path, lag = full.sentences(alone=False)
     assert path == (
         "left: tendon at 12 mm, azimuth 30 deg, driven by its angle, 2 N/mm, pretension 3 N, pulley 15 mm, pair, "
-        "imbalance 0.5 N, friction 0.25"
+        "imbalance 0.5 N, friction 0.25, friction 0.2 N at its entry"
     )
     assert lag == "left: lag rise_time 0.02"
     assert Tendon(joint_gain=[-1.0, 0.0], cross_gain=[0.0, 1.0], lever=0.01).sentences(alone=True) == [

@@ -30,22 +30,24 @@ class SpaceChain(NamedTuple):
 
 def no_tendons(size):
     """The last entries of a body without tendons whose length does not change."""
-    return np.zeros((0, size)), *np.zeros((4, 0)), np.zeros((size, 0)), np.zeros((0, 0))
+    return np.zeros((0, size)), *np.zeros((5, 0)), np.zeros((size, 1)), np.zeros((0, 0))
 
 
 def beyond_joints(n, size):
-    """Part (N, n) of what a swing, or a twist, draws in that lies beyond the middle of each joint's arc."""
+    """Part (N, n + 1) of what a swing, or a twist, draws in that lies beyond the entry and each joint's middle."""
     joint = np.append(np.repeat(np.arange(n), 2), np.arange(size - 2 * n))[:, None]
-    return np.where(joint > np.arange(n), 1.0, np.where(joint == np.arange(n), 0.5, 0.0))
+    arcs = np.where(joint > np.arange(n), 1.0, np.where(joint == np.arange(n), 0.5, 0.0))
+    return np.hstack([np.ones((size, 1)), arcs])
 
 
-def with_tendons(chain, rng, *, stiffness=800.0, pretension=1.5, friction=0.0, slip_rate=0.05):
+def with_tendons(chain, rng, *, stiffness=800.0, pretension=1.5, friction=0.0, slip_rate=0.05, entry=0.0):
     """The chain with three tendons, the second of which hangs slack at rest; none turns a twist."""
     lever = rng.normal(0, 0.01, (3, len(chain.x)))
     lever[:, 2 * chain.n :] = 0.0
     body = chain.body._replace(
         lever=lever, tendon_stiffness=np.full(3, stiffness), pretension=pretension * np.array([1.0, -1.0, 1.0]),
         friction=np.full(3, friction), slip_rate=np.full(3, slip_rate), beyond=beyond_joints(chain.n, len(chain.x)),
+        entry_friction=np.full(3, entry),
     )
     return chain._replace(body=body)
 

@@ -58,7 +58,7 @@ class Samples:
         [kg m^2], and first moments h (n, N) [kg m].
         """
         v, rod = self.values, self.template.mass_at == "rod"
-        return inertia_constants(v["link_length"], v["link_mass"], v["tip_mass"], rod=rod)
+        return inertia_constants(v["link_length"], v["link_mass"], v["tip_mass"], rod=rod, tip_inertia=v["tip_inertia"])
 
     def torque_at(self, pressure: Array) -> Array:
         """Return the static torque (N,) [N m] of each sample at its pressure (N,) [Pa]."""

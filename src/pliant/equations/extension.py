@@ -5,7 +5,8 @@ Coordinates are x = (phi_1 ... phi_n, e_1 ... e_S), rates v = dx/dt. Link k is s
 where a_ks is the fraction of link k that lies in segment s. Link 0 is the part between the origin and the first joint,
 which lengthens too, and turns with the base alone. With u_k = st_k e(phi_k), e = (-sin, cos), n = (-cos, -sin), the
 kinetic energy is 1/2 sum_kl B_kl u'_k . u'_l. B is the constant of the chain that does not lengthen, with the rotary
-inertia on its diagonal, since the rotary inertia of a rod scales with its stretch in the same way. So
+inertia on its diagonal, since the rotary inertia of a rod scales with its stretch in the same way. A payload with the
+moment of inertia J at the last tip does not lengthen: it adds J to M_(phi n, phi n) alone. So
 
 M_(phi k, phi l) = B_kl st_k st_l cos(phi_k - phi_l),  M_(phi k, e s) = st_k sum_l B_kl a_ls sin(phi_l - phi_k),
 M_(e s, e t) = sum_kl a_ks a_lt B_kl cos(phi_k - phi_l)
@@ -90,6 +91,7 @@ def inertia(body, work, M):
             stretched = body.B[k + 1, j + 1] * work.stretch[k + 1] * work.stretch[j + 1]
             M[k, j] = stretched * (c[k + 1] * c[j + 1] + s[k + 1] * s[j + 1])
         M[k, k] = body.B[k + 1, k + 1] * work.stretch[k + 1] * work.stretch[k + 1]
+    M[n - 1, n - 1] = M[n - 1, n - 1] + body.tip_inertia
     for i in range(M.shape[0] - n):
         for k in range(n + 1):
             work.ax[k] = -body.share[k, i] * s[k]
@@ -285,7 +287,7 @@ def kinetic_energy(x, v, body, joints, work):
     """Return the kinetic energy 1/2 v^T M v [J] of an extensible planar chain with coordinates x
     and rates v (n + S,).
 
-    1/2 sum_k u'_k . b_k with u'_k = st_k w_k n_k + st'_k e_k
+    1/2 sum_k u'_k . b_k + 1/2 J w_n^2 with u'_k = st_k w_k n_k + st'_k e_k
     """
     n = len(joints.theta0)
     place(x, v, 0.0, body, joints, work)
@@ -299,7 +301,7 @@ def kinetic_energy(x, v, body, joints, work):
         work.ax[k] = -turn * work.c[k] - growth * work.s[k]
         work.ay[k] = growth * work.c[k] - turn * work.s[k]
     carried(body, work)
-    value = 0.0 * v[0]
+    value = 0.5 * body.tip_inertia * v[n - 1] * v[n - 1]
     for k in range(n + 1):
         value = value + 0.5 * (work.ax[k] * work.bx[k] + work.ay[k] * work.by[k])
     return value

@@ -1,9 +1,10 @@
 """Static poses of a chain in space: one equilibrium under a load, or a sequence of equilibria, each under its own
 torques and tendon inputs.
 
-The friction of tendons acts against the motion from one pose to the next: `tendon.slip` receives the change of the
-coordinates as rates over one second. Derivatives are complex steps, so that all arrays except the resulting poses are
-complex. The imaginary parts of the inputs give those of the poses by the implicit function theorem.
+The friction of tendons acts against the motion from one pose to the next and holds a tendon that does not slip, so that
+a pose depends on the path that led to it: the slip directions are states. Derivatives are complex steps, so that all
+arrays except the resulting poses are complex. The imaginary parts of the inputs give those of the poses by the implicit
+function theorem.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from pliant.equations.observation import observe
 from pliant.equations.spatial_points import add_pose_loads
-from pliant.equations.tendon import eliminate, forces_at_rest, slip
+from pliant.equations.tendon import drawn_in, eliminate, forces_at_rest
 
 STEP = 1e-30  # imaginary part: its square vanishes beside 1
 ROUNDS = 60  # iterations of Newton's method for a pose, at most
@@ -22,6 +23,7 @@ PARTS = (1, 8, 64)  # numbers of sub-steps of a change of inputs, tried in turn 
 FARTHEST = 0.5  # rad, largest Newton move
 SETTLED = 1e-10  # rad, size of a Newton move at convergence
 SHIFT = 1e-3  # first diagonal shift of a stiffness matrix that is not positive definite, over its largest entry
+TURN = 2e-3  # rad, turn of the joint with the largest lever arm that reverses half of a tendon's friction
 STABLE = 1e-9  # smallest pivot of a stable equilibrium, over the largest diagonal entry
 
 
@@ -35,33 +37,51 @@ class Settling(NamedTuple):
     torque: np.ndarray  # (N + R,) inputs between two poses
     push: np.ndarray  # (N,) net force
     move: np.ndarray  # (N,) Newton move
+    run: np.ndarray  # (R, n + 1) slip directions of R tendons at the pose before
     load: np.ndarray  # (n + 1, 3, 5) forces on the links, as `add_pose_loads` takes them
 
 
-def forces_after(x, last, torque, load, body, joints, work, push):
-    """Write the net generalized force on the chain at rest at x (N,) to push (N,) [N m]. The chain has moved there from
-    `last` (N,), which gives the direction of the tendons' friction.
+def slip_on(r, x, found, body, work):
+    """Write the slip direction of tendon r at its entry and at n joints to work.run[r] (n + 1,), after the chain has
+    moved from found.last (N,) to x (N,). found.run (R, n + 1) are the slip directions at found.last.
 
-    Friction opposes this motion. The force is zero in equilibrium.
-
-    `load` (n + 1, 3, 5) holds the forces on the links.
+    The direction changes with the length drawn in, up to 1 or -1, where the tendon slips. `TURN` times the largest
+    lever arm is the length over which it changes by 1. Until it slips, the tendon is held. This is a Prandtl element.
     """
+    arm = 1e-30 + 0.0 * x[0]
     for i in range(len(x)):
-        work.v[i] = x[i] - last[i]
+        work.v[i] = x[i] - found.last[i]
+        if abs(body.lever[r, i].real) > arm.real:
+            arm = body.lever[r, i] if body.lever[r, i].real > 0.0 else -body.lever[r, i]
+    for k in range(body.beyond.shape[1]):
+        way = found.run[r, k] + drawn_in(r, k, work.v, body) / (TURN * arm)
+        if way.real > 1.0:
+            way = 1.0 + 0.0 * way
+        elif way.real < -1.0:
+            way = 0.0 * way - 1.0
+        work.run[r, k] = way
+
+
+def forces_after(x, torque, found, body, joints, work, push):
+    """Write the net generalized force on the chain at rest at x (N,) to push (N,) [N m]. The chain has moved there from
+    found.last (N,), with the slip directions found.run of its tendons.
+
+    Friction opposes this motion. The force is zero in equilibrium. found.load are the forces on the links.
+    """
     for r in range(len(body.friction)):
-        slip(r, x, work.v, body, work)
+        slip_on(r, x, found, body, work)
     forces_at_rest(x, torque, body, joints, work, push)
-    add_pose_loads(load, body, work, push)
+    add_pose_loads(found.load, body, work, push)
 
 
-def stiffness_at(x, last, torque, load, body, joints, work, K):
+def stiffness_at(x, torque, found, body, joints, work, K):
     """Write the stiffness K (N, N) [N m/rad] at the pose x (N,): minus the derivative of the net force at rest by x.
 
     The net force is that of `forces_after`.
     """
     for j in range(len(x)):
         x[j] = x[j] + complex(0.0, STEP)
-        forces_after(x, last, torque, load, body, joints, work, work.a)
+        forces_after(x, torque, found, body, joints, work, work.a)
         x[j] = x[j] - complex(0.0, STEP)
         for i in range(len(x)):
             K[i, j] = -work.a[i].imag / STEP
@@ -97,14 +117,14 @@ def settle(torque, body, joints, work, found, K):
     """Move the pose found.at (N,) to the static equilibrium under `torque` (N + R,): N torques [N m], then the inputs
     [N] of R tendons. Write the stiffness there to K. Return 1 if the equilibrium is stable, else 0.
 
-    found.last (N,) is the pose before, which gives the direction of friction. Newton's method; a move that increases
-    the residual is halved. Returns 0 also where no equilibrium is found.
+    found.last (N,) and found.run (R, n + 1) are the pose before and its slip directions. Newton's method; a move that
+    increases the residual is halved. Returns 0 also where no equilibrium is found.
     """
-    x, last, push, move = found.at, found.last, found.push, found.move
-    forces_after(x, last, torque, found.load, body, joints, work, push)
+    x, push, move = found.at, found.push, found.move
+    forces_after(x, torque, found, body, joints, work, push)
     for _ in range(ROUNDS):
         before = largest_of(push)
-        stiffness_at(x, last, torque, found.load, body, joints, work, K)
+        stiffness_at(x, torque, found, body, joints, work, K)
         stiffest = 0.0
         for i in range(len(x)):
             stiffest = max(stiffest, abs(K[i, i]))
@@ -115,14 +135,14 @@ def settle(torque, body, joints, work, found, K):
         part = min(1.0, FARTHEST / max(far, 1e-300))
         for i in range(len(x)):
             x[i] = x[i] + part * move[i].real
-        forces_after(x, last, torque, found.load, body, joints, work, push)
+        forces_after(x, torque, found, body, joints, work, push)
         if far < SETTLED:
             return 1.0 if shift == 0.0 else 0.0
         while largest_of(push) > before and part > 1e-4:
             part = 0.5 * part
             for i in range(len(x)):
                 x[i] = x[i] - part * move[i].real
-            forces_after(x, last, torque, found.load, body, joints, work, push)
+            forces_after(x, torque, found, body, joints, work, push)
     return 0.0
 
 
@@ -146,13 +166,13 @@ def settle_all(torque, body, joints, work, found):
     """Find the static pose under each row of `torque` (T + 1, N + R): N torques [N m], then the inputs [N] of R
     tendons. Each search starts from the pose before.
 
-    found.x[0] (N,) is the given equilibrium of the first row, without friction. Returns the index of the first row
-    without a stable equilibrium, or -1.
+    found.x[0] (N,) is the given equilibrium of the first row, without friction: found.run is 0 there. Returns the index
+    of the first row without a stable equilibrium, or -1.
     """
     size = found.x.shape[1]
     for i in range(size):
         found.last[i] = complex(found.x[0, i], 0.0)
-    stiffness_at(found.last, found.last, torque[0], found.load, body, joints, work, found.K[0])
+    stiffness_at(found.last, torque[0], found, body, joints, work, found.K[0])
     for row in range(1, len(found.x)):
         good = 0.0
         for parts in PARTS:
@@ -160,10 +180,20 @@ def settle_all(torque, body, joints, work, found):
                 good = reach(torque[row], torque[row - 1], parts, body, joints, work, found, found.K[row])
         if not good > 0.0:
             return row
+        move_on(body, work, found)
         for i in range(size):
             found.x[row, i] = found.at[i].real
-            found.last[i] = complex(found.at[i].real, 0.0)
     return -1
+
+
+def move_on(body, work, found):
+    """Make the pose found.at (N,) the one from which the next is sought: update found.last (N,) and found.run."""
+    for r in range(len(body.friction)):
+        slip_on(r, found.at, found, body, work)
+        for k in range(found.run.shape[1]):
+            found.run[r, k] = work.run[r, k]
+    for i in range(len(found.at)):
+        found.last[i] = found.at[i]
 
 
 def show_all(torque, body, joints, work, found, places, seen):
@@ -172,17 +202,21 @@ def show_all(torque, body, joints, work, found, places, seen):
     Imaginary parts of the inputs and constants give those of the observed points (derivatives by complex step).
     """
     size = found.x.shape[1]
+    for r in range(len(body.friction)):
+        for k in range(found.run.shape[1]):
+            found.run[r, k] = 0.0
     for row in range(len(found.x)):
         for i in range(size):
             found.at[i] = complex(found.x[row, i], 0.0)
-        if row == 0:
-            forces_after(found.at, found.at, torque[row], found.load, body, joints, work, found.push)
-        else:
-            forces_after(found.at, found.last, torque[row], found.load, body, joints, work, found.push)
+            if row == 0:
+                found.last[i] = found.at[i]
+        forces_after(found.at, torque[row], found, body, joints, work, found.push)
         for i in range(size):
             found.push[i] = complex(0.0, found.push[i].imag)
         solved(found.K[row], 0.0, found.push, work, found.move)
         for i in range(size):
             found.at[i] = found.at[i] + found.move[i]
-            found.last[i] = found.at[i]
+            if row == 0:
+                found.last[i] = found.at[i]
+        move_on(body, work, found)
         observe(found.at, joints.base_angle, places, seen[row])

@@ -44,6 +44,7 @@ class ExtensibleBody(NamedTuple):
     share: np.ndarray  # (n + 1, S) fraction of each link that lies in each segment
     gx: float  # m/s^2
     gy: float  # m/s^2
+    tip_inertia: float = 0.0  # kg m^2, of the payload about the tip of the last link, with which it turns
 
 
 class SpatialBody(NamedTuple):
@@ -68,7 +69,8 @@ class SpatialBody(NamedTuple):
     pretension: np.ndarray  # (R,) N
     friction: np.ndarray  # (R,) coefficient of friction along the path
     slip_rate: np.ndarray  # (R,) m/s, over which friction changes its direction
-    beyond: np.ndarray  # (N, n) fraction of a coordinate's path length beyond the middle of each joint's arc
+    entry_friction: np.ndarray  # (R,) N, friction where the tendon enters the body
+    beyond: np.ndarray  # (N, n + 1) fraction of a coordinate's path beyond the entry (1), then beyond each mid-arc
     share: np.ndarray  # (n + 1, S) fraction of each link that lies in each segment that lengthens; S may be 0
     spin: np.ndarray = STILL  # (2, 3) angular velocity and acceleration of the base in its axes, rad/s^1,2; or (0, 3)
 
@@ -350,9 +352,9 @@ class SpatialWorkspace(NamedTuple):
     start: np.ndarray  # (R,) N, forces of `tendon.signed_tension` at the start of the step
     tension: np.ndarray  # (R,) N, mean tensions at the base
     slope: np.ndarray  # (R,) their derivatives by the force at the end of the step
-    run: np.ndarray  # (R, n) 1 where a tendon slips towards the base at a joint, -1 towards the tip
-    ease: np.ndarray  # (R, n) s/m, slope of the exponent of friction by the slip
-    kept: np.ndarray  # (R, n) fraction of the tension behind each joint
+    run: np.ndarray  # (R, n + 1) 1 where a tendon slips towards the base, at its entry and at joints; -1 to the tip
+    ease: np.ndarray  # (R, n + 1) s/m, slope of `run` by the rate of slip
+    kept: np.ndarray  # (R, n + 1) fraction of the tension behind the entry and behind each joint
     felt: np.ndarray  # (R, N) fraction of the tension that acts on each coordinate
     B: np.ndarray  # (N, N) matrix of a move of Newton's method
     move: np.ndarray  # (N,) the move

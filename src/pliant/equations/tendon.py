@@ -2,10 +2,10 @@
 
 A tendon r with constant lever arms g_r (N,) [m/rad] has the length l_0 - g_r . x, which is exact for a body that bends
 in arcs. When it is drawn in by u, its force is s = k (u - g_r . x) + T_0. A tendon cannot push, so that its tension is
-T = max(0, s). Over a joint that swings by theta the tension changes by the factor exp(-mu theta run) (capstan), and the
-joint feels the mean of the tensions before and behind it. `run` is 1 where the tendon slips towards the base and -1
-where it slips towards the tip, with a smooth transition. The energy taken from a coordinate or an input is stored or
-dissipated by friction, and friction never supplies energy.
+T = max(0, s). Where it enters the body the tension falls by F run, at most by T run. Over a joint that swings by theta
+it changes by the factor exp(-mu theta run) (capstan), and the joint feels the mean of the tensions before and behind
+it. `run` is 1 where the tendon slips towards the base and -1 where it slips towards the tip, with a smooth transition.
+The energy taken from a coordinate or an input is stored or dissipated by friction, and friction never supplies energy.
 
 Source: Euler and Eytelwein's formula of the capstan
 """
@@ -70,42 +70,58 @@ def swing_angle(k, x):
     return np.sqrt(x[2 * k] * x[2 * k] + x[2 * k + 1] * x[2 * k + 1] + TINY)
 
 
-def slip(r, x, v, body, work):
-    """Write the slip direction of tendon r at each of n joints to work.run[r], from -1 (towards the tip) to 1 (towards
-    the base). Write the derivative [s/m] of the exponent of capstan friction with respect to the slip speed to
-    work.ease[r].
+def drawn_in(r, k, v, body):
+    """Return the rate [m/s] at which the path of tendon r shortens beyond its entry (k = 0) or beyond the middle of the
+    arc of joint k - 1, at rates v (N,) [rad/s]. With changes of the coordinates for v, it is the length drawn in [m].
+    """
+    w = 0.0 * v[0]
+    for i in range(len(v)):
+        w = w + body.beyond[i, k] * (body.lever[r, i] * v[i])
+    return w
 
-    run = w / sqrt(w^2 + w_0^2), and ease is mu theta times d(run)/dw. Here w [m/s] is the rate at which the length from
-    the middle of a joint's arc to the end of the tendon shortens, at rates v (N,), and w_0 is the slip rate. Without
+
+def grip(r, k, T, x, body):
+    """Return the size of the relative loss of tension by friction for tendon r with the tension T [N]: at its entry
+    (k = 0) the fraction of T, min(1, F / T), else the exponent mu theta of joint k - 1.
+    """
+    if k > 0:
+        return body.friction[r] * swing_angle(k - 1, x)
+    if T.real > body.entry_friction[r].real:
+        return body.entry_friction[r] / T
+    if body.entry_friction[r].real > 0.0:
+        return 1.0 + 0.0 * T
+    return 0.0 * T
+
+
+def slip(r, v, body, work):
+    """Write the slip direction of tendon r at its entry and at each of n joints to work.run[r], from -1 (towards the
+    tip) to 1 (towards the base), and its derivative with respect to the rate of slip [s/m] to work.ease[r].
+
+    run = w / sqrt(w^2 + w_0^2), with the rate of slip w of `drawn_in` at rates v (N,) and the slip rate w_0. Without
     friction nothing is written.
     """
-    if not body.friction[r].real > 0.0:
+    if not (body.friction[r] + body.entry_friction[r]).real > 0.0:
         return
     edge = body.slip_rate[r] * body.slip_rate[r]
-    for k in range(len(body.mass)):
-        w = 0.0 * v[0]
-        for i in range(len(v)):
-            w = w + body.beyond[i, k] * (body.lever[r, i] * v[i])
+    for k in range(body.beyond.shape[1]):
+        w = drawn_in(r, k, v, body)
         root = np.sqrt(w * w + edge)
         work.run[r, k] = w / root
-        work.ease[r, k] = body.friction[r] * swing_angle(k, x) * edge / (root * root * root)
+        work.ease[r, k] = edge / (root * root * root)
 
 
-def pass_on(r, x, body, work):
-    """Write the fraction of the base tension of tendon r that friction leaves: beyond each of n joints to work.kept[r]
-    (n,), and on average at each of N coordinates to work.felt[r] (N,).
+def pass_on(r, T, x, body, work):
+    """Write the fraction of the tension T [N] of tendon r that friction leaves: behind its entry and each of n joints
+    to work.kept[r] (n + 1,), and on average at each of N coordinates to work.felt[r] (N,).
 
     A coordinate feels the mean over the joints at which it draws the tendon in, weighted by `body.beyond`.
     """
-    if not body.friction[r].real > 0.0:
-        for i in range(len(x)):
-            work.felt[r, i] = 1.0 + 0.0 * x[0]
-        return
     before = 1.0 + 0.0 * x[0]
     for i in range(len(x)):
         work.felt[r, i] = before
-    for k in range(len(body.mass)):
-        behind = before * np.exp(-body.friction[r] * swing_angle(k, x) * work.run[r, k])
+    for k in range(body.beyond.shape[1]):
+        loss = grip(r, k, T, x, body) * work.run[r, k]
+        behind = before * np.exp(-loss) if k > 0 else 1.0 - loss
         for i in range(len(x)):
             work.felt[r, i] = work.felt[r, i] - body.beyond[i, k] * (before - behind)
         work.kept[r, k] = behind
@@ -142,7 +158,7 @@ def tendon_torques(x, torque, body, work):
     clear_pull(work)
     for r in range(len(body.friction)):
         T, _ = tension(signed_tension(r, x, torque, body))
-        pass_on(r, x, body, work)
+        pass_on(r, T, x, body, work)
         add_pull(r, T, body, work)
 
 
@@ -154,7 +170,7 @@ def accelerate(x, v, torque, body, joints, work, a):
     `torque` (N + R,) holds the torques [N m] of the coordinates, then the input [N] of each tendon.
     """
     for r in range(len(body.friction)):
-        slip(r, x, v, body, work)
+        slip(r, v, body, work)
     tendon_torques(x, torque, body, work)
     for i in range(len(x)):
         work.move[i] = torque[i] + work.pull[i] + work.rub[i]
@@ -217,8 +233,8 @@ def pull_over_step(v, h, body, work):
     same = mean_tensions(v, h, body, work) * (1.0 - rubs(body))
     clear_pull(work)
     for r in range(len(body.friction)):
-        slip(r, work.q, work.v, body, work)
-        pass_on(r, work.q, body, work)
+        slip(r, work.v, body, work)
+        pass_on(r, work.tension[r], work.q, body, work)
         add_pull(r, work.tension[r], body, work)
     return same
 
@@ -226,23 +242,28 @@ def pull_over_step(v, h, body, work):
 def add_slopes(r, h, body, work):
     """Add the stiffness and friction terms of tendon r to the Newton matrix work.B (N, N) of an implicit time step.
 
-    The torque of coordinate i is g_i T felt_i. A change of the slip at joint k changes the tension behind k and behind
-    all joints beyond it, which is the part `left` of felt_i.
+    The torque of coordinate i is g_i T felt_i. A change of the slip at the entry or a joint changes the tension behind
+    it and behind all joints beyond it, which is the part `left` of felt_i.
     """
     size = len(work.a)
-    n = len(body.mass)
+    last = body.beyond.shape[1] - 1
     stiff = 0.5 * h * body.tendon_stiffness[r] * work.slope[r]
+    entered = work.kept[r, 0]
+    if work.tension[r].real > body.entry_friction[r].real and body.entry_friction[r].real > 0.0:
+        stiff = stiff / entered  # T felt_i is (T - F run) times a constant
     for i in range(size):
         own = h * body.lever[r, i]
         for j in range(size):
             work.B[i, j] = work.B[i, j] + own * (stiff * work.felt[r, i]) * body.lever[r, j]
-        if body.friction[r].real > 0.0:
+        if (body.friction[r] + body.entry_friction[r]).real > 0.0:
             left = 0.0 * own
-            for k in range(n - 1, -1, -1):
+            for k in range(last, -1, -1):
                 left = left + body.beyond[i, k] * work.kept[r, k]
-                if k + 1 < n:
+                if k < last:
                     left = left - body.beyond[i, k + 1] * work.kept[r, k]
-                weight = 0.5 * own * work.tension[r] * work.ease[r, k] * left
+                part = left if k > 0 else left / max(entered.real, TINY)
+                loss = grip(r, k, work.tension[r], work.q, body) * work.ease[r, k]
+                weight = 0.5 * own * work.tension[r] * loss * part
                 for j in range(size):
                     work.B[i, j] = work.B[i, j] + weight * body.beyond[j, k] * body.lever[r, j]
 
@@ -335,7 +356,7 @@ def solve_step(v, h, body, work):
 def rubs(body):
     """Return 1 if any tendon of the body has friction, else 0."""
     for r in range(len(body.friction)):
-        if body.friction[r].real > 0.0:
+        if (body.friction[r] + body.entry_friction[r]).real > 0.0:
             return 1.0
     return 0.0
 

@@ -70,6 +70,7 @@ def constants(model: Model) -> dict[str, Array]:
     branches = {f: getattr(memory, f) for f in memory._fields if not f.startswith("boucwen")}
     held: dict[str, Any] = {
         "link_length": model.link_length, "link_mass": model.link_mass, "tip_mass": model.tip_mass,
+        "tip_inertia": model.tip_inertia,
         "stiffness": model.stiffness, "damping": model.damping,
         **{t: getattr(model, t) for t in (*SPRING_TERMS, SPRING_BOUND)},
         **rest_shape(model), "base_length": model.base_length, "gravity": model.gravity,
@@ -128,7 +129,8 @@ def chain_names(model: Model) -> tuple[Any, Any]:
     gravity, kind = of("gravity"), type(mechanics_of(model).body)
     if kind is symbols.ExtensibleBody:
         length = np.array([of("base_length"), *of("link_length")], dtype=object)
-        body: Any = symbols.ExtensibleBody(of("B"), length, of("h"), of("share"), *gravity)
+        inertia_of = {"B": of("B"), "h": of("h"), "tip_inertia": of("tip_inertia")}
+        body: Any = symbols.ExtensibleBody(l=length, share=of("share"), gx=gravity[0], gy=gravity[1], **inertia_of)
         springs = [of(f) for f in ("base_angle", "rest_angle", "K", "D", "hardening", "rest_angle")]
         return body, symbols.ExtensibleJoints(*[*springs, mechanics_of(model).joints.rest])
     if kind is symbols.Body:
@@ -267,6 +269,7 @@ class Text:
             inertia_of = f"{m[k]} * {l[k]} * {l[k]} / {w.number(12.0)}" if rod else w.number(0.0)
             w.say(f"p->I[{k}] = {inertia_of};")
             self.curved_spring(w, k, k)
+        w.say(f"p->I[{n - 1}] += p->tip_inertia;")
         w.call(inertia.body_constants, l, m, centre, Real("p->tip_mass"), self.given.body.B, self.given.body.h)
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 

@@ -138,6 +138,8 @@ class SpatialText(Text):
         w.say(f"{away} = {l} - {body.centre[k]};")
         w.say(f"{body.lateral[k]} += {m} * p->tip_mass / {body.mass[k]} * {away} * {away};")
         w.say(f"{body.centre[k]} = ({m} * {body.centre[k]} + p->tip_mass * {l}) / {body.mass[k]};")
+        w.say(f"{body.lateral[k]} += p->tip_inertia;")
+        w.say(f"{body.axial[k]} += {w.number(2.0)} * p->tip_inertia;")
 
     def posed(self) -> tuple[CWriter, Any]:
         """Return a writer for a C function, and scratch arrays. The function begins by computing the poses of all links

@@ -80,7 +80,7 @@ def structure(model: Model) -> dict[str, str]:
         "AXIAL_BRANCHES": repr(axial), "REMEMBERING": repr(remembering), "COLUMNS": repr(columns),
         "CHAMBERS": repr(chamber_kinds(model.chambers)),
         "LIMITED": f"np.array({[bool(c.valve.rise_rate or c.valve.fall_rate) for c in model.chambers]})",
-        "RUBS": repr(bool(model.actuation.tendon_constants[2].any())),
+        "RUBS": repr(model.actuation.tendons_rub),
         "POINT_LINK": f"np.array({[int(p.link) for p in model.points]}, dtype=int)",
         "POINT": table(np.array(points, dtype=float).reshape(-1, 3)),
         "START": table(state.equilibrium(model, np.zeros(model.actuation.count))),

@@ -143,7 +143,8 @@ def lengthening(model: Model, chain: RigidChain) -> RigidChain:
         moved = link
         if slides:
             at_joint = rod / 6.0 if model.mass_at == "rod" else FIRST * rod if i == 0 else LIGHT
-            across = TINY if link.along is None else max(0.5 * link.along, TINY)
+            turning = model.tip_inertia * (i + 1 == model.n) if link.along is None else 0.5 * link.along
+            across = max(turning, TINY)
             moved = link._replace(mass=at_joint, centre=0.0, across=across, slides=tuple(slides))
         links.append(moved)
     length = model.base_length
@@ -190,6 +191,7 @@ def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:
     cap = np.append(np.zeros(model.n - 1), model.tip_mass)
     centre = (m * middle + cap * l) / (m + cap)
     across = m * l**2 / 12.0 * rod + m * (middle - centre) ** 2 + cap * (l - centre) ** 2
+    across[-1] += model.tip_inertia
     return m + cap, centre, across, None
 
 

@@ -212,7 +212,7 @@ def derivatives(model: Model, x: Array, torque: Array) -> tuple[Array, Array, Ar
     M, R = chain.inertia(x), chain.to_joints
     slope = chain.static_slope(x, torque=torque) - R.T @ np.diag(chain.stuck_stiffness) @ R
     damping = R.T @ np.diag(chain.joints.D) @ R
-    if model.actuation.tendons and model.actuation.tendon_constants[2].any():
+    if model.actuation.tendons_rub:
         damping = damping + rubbing(model, x, torque)
     push = model.actuation.gain @ R
     for c in model.actuation.tendons:  # which may hang slack

@@ -80,9 +80,10 @@ class PlanarChain(Mechanics):
         gx, gy = (float(g) for g in model.gravity)
         if not self.segments:
             rod = model.mass_at == "rod"
-            return Body(*inertia_constants(model.link_length, model.link_mass, model.tip_mass, rod=rod), gx, gy)
+            links = model.link_length, model.link_mass, model.tip_mass
+            return Body(*inertia_constants(*links, rod=rod, tip_inertia=model.tip_inertia), gx, gy)
         B, h = extensible_inertia(model)
-        return ExtensibleBody(B, self.length, h, self.stretch_share, gx, gy)
+        return ExtensibleBody(B, self.length, h, self.stretch_share, gx, gy, model.tip_inertia)
 
     @cached_property
     def joints(self) -> Joints | ExtensibleJoints:

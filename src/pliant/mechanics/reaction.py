@@ -36,7 +36,7 @@ def planar_reaction(chain: Any, x: Array, v: Array, a: Array, base: BaseTwist) -
     at coordinates x, rates v and accelerations a (T, N), in the axes of the base.
 
     v and a are relative to the base. With u_k = st_k e(phi_k), the body's first moment is sum_k h_k u_k and its moment
-    of momentum sum_kl B_kl u_k x u'_l.
+    of momentum sum_kl B_kl u_k x u'_l, plus that of the payload's turn.
     """
     (B, h), n, share = extensible_inertia(chain.model), chain.n, chain.stretch_share
     angle = np.column_stack([np.full(len(x), chain.joints.base_angle), x[:, :n]])
@@ -50,7 +50,7 @@ def planar_reaction(chain: Any, x: Array, v: Array, a: Array, base: BaseTwist) -
     second = (growing - stretch * rate**2)[..., None] * ahead + across[..., None] * aside
     lifted = base.acceleration - base.gravity
     force = chain.model.mass * lifted + np.einsum("k,tki->ti", h, second)
-    moment = np.sum(cross(u, np.einsum("kl,tli->tki", B, second)), axis=1)
+    moment = np.sum(cross(u, np.einsum("kl,tli->tki", B, second)), axis=1) + chain.model.tip_inertia * turning[:, n]
     return force, (moment + cross(np.einsum("k,tki->ti", h, u), lifted))[:, None]
 
 

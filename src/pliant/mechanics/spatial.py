@@ -71,14 +71,16 @@ class SpatialChain(Mechanics):
         return SpatialBody(self.length, *link_inertias(model, space.radius), rest, base, gx, gy, gz, *behind)
 
     def _beyond(self) -> Array:
-        """Return the fraction (N, n) of each coordinate's path length that lies beyond the middle of each joint's arc.
+        """Return the fraction (N, n + 1) of each coordinate's path length that lies beyond the entry into the body,
+        which is all of it, and beyond the middle of each joint's arc.
 
         The path length of an angle lies evenly along its joint's arc, that of a strain along its segment.
         """
         swings = np.tril(np.ones((self.n, self.n)), -1) + 0.5 * np.eye(self.n)
         along = self.length[:, None] * self.model.stretch_share
         strains = np.cumsum(along[::-1], axis=0)[-2::-1] / along.sum(axis=0)
-        return np.concatenate([np.repeat(swings, 2, axis=0), *[swings] * (self.space.turns - 2), strains.T])
+        arcs = np.concatenate([np.repeat(swings, 2, axis=0), *[swings] * (self.space.turns - 2), strains.T])
+        return np.hstack([np.ones((self.size, 1)), arcs])
 
     @cached_property
     def joints(self) -> SpatialJoints:
@@ -356,7 +358,7 @@ class SpatialChain(Mechanics):
         load[-1] += np.outer(tip_force, [0.0, 0.0, self.length[-1], 1.0, 0.0])
         found = settling(0, self.size, torque.size, load)
         body, joints = (of_kind(record, complex) for record in (self.body, self.joints))
-        body = body._replace(friction=0.0 * body.friction)  # nothing has moved that could rub
+        body = body._replace(friction=0.0 * body.friction, entry_friction=0.0 * body.entry_friction)  # nothing moved
         work, stable = self.workspace(complex), 0.0
         for share in GROWING:
             found.load[:] = share * load
@@ -384,7 +386,7 @@ def rotation(vector: Any) -> Array:
 
 def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Array]:
     """Return mass [kg], centre of mass [m], lateral and axial moment of inertia [kg m^2] of n links, each (n,). The
-    values of the last link include the tip mass.
+    values of the last link include the tip mass and its inertia.
 
     A link is a uniform round rod of the given `radius` [m]. The centre is measured from the joint [m], the moments are
     about the centre of mass [kg m^2].
@@ -394,6 +396,8 @@ def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Arr
     rod, total = mass[-1], mass[-1] + model.tip_mass
     lateral[-1] += rod * model.tip_mass / total * (length[-1] - centre[-1]) ** 2
     centre[-1] = (rod * centre[-1] + model.tip_mass * length[-1]) / total
+    lateral[-1] += model.tip_inertia
+    axial[-1] += 2.0 * model.tip_inertia  # a flat disc, whose thickness does not grow with the link
     return np.append(mass[:-1], total), centre, lateral, axial
 
 

@@ -138,13 +138,19 @@ class Actuation:
         return levers
 
     @cached_property
-    def tendon_constants(self) -> tuple[Float[Array, " R"], Float[Array, " R"], Float[Array, " R"], Float[Array, " R"]]:
-        """Stiffness [N/m], pretension [N], friction coefficient and slip rate [m/s] of the R tendons, as four arrays
-        (R,).
+    def tendon_constants(self) -> tuple[Float[Array, " R"], ...]:
+        """Stiffness [N/m], pretension [N], friction coefficient, slip rate [m/s] and entry friction [N] of the R
+        tendons, as five arrays (R,).
         """
-        k, T0, mu, w0 = np.reshape([c.constants() for _, c, _ in self._cords], (-1, 4)).T.copy()
+        k, T0, *friction = np.reshape([c.constants() for _, c, _ in self._cords], (-1, 5)).T.copy()
         T0 += [0.5 * sign * c.imbalance - (LEAST if sign < 0.0 else 0.0) for _, c, sign in self._cords]
-        return k, T0, mu, w0
+        return k, T0, *friction
+
+    @property
+    def tendons_rub(self) -> bool:
+        """Whether any tendon has friction, along its path or at its entry."""
+        _, _, path, _, entry = self.tendon_constants
+        return bool(path.any() or entry.any())
 
     @cached_property
     def columns(self) -> Float[Array, "C N+R"]:

@@ -61,7 +61,7 @@ def extensible_inertia(model: ModelParameters) -> tuple[Array, Array]:
 
     They are the fields of `symbols.ExtensibleBody`.
 
-    The rotary inertia is on the diagonal of B.
+    The rotary inertia of the links is on the diagonal of B, but not that of the payload, which does not lengthen.
     """
     length, mass = np.append(model.base_length, model.link_length), np.append(0.0, model.link_mass)
     B, rotary, h = inertia_constants(length, mass, model.tip_mass, rod=model.mass_at == "rod")

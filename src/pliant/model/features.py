@@ -191,8 +191,8 @@ FEATURES: dict[str, Feature] = {
          "Tendon.imbalance", "Tendon.pulley", "Tendon.pair"),
     ),
     "tendon_friction": of_each(
-        "friction of tendons", lambda c: getattr(c, "friction", 0.0), "Tendon.friction", "Tendon.slip_rate",
-        name="friction",
+        "friction of tendons", lambda c: getattr(c, "friction", 0.0) or getattr(c, "entry_friction", 0.0),
+        "Tendon.friction", "Tendon.entry_friction", "Tendon.slip_rate", name="friction",
     ),
     "pair_pretension": of_each(
         "pretension of pairs of tendons", lambda c: len(c.signs) == 2 and c.pretension,
@@ -204,7 +204,8 @@ FEATURES: dict[str, Feature] = {
     ),
 }
 EVERYWHERE = (  # fields that every consumer takes into account, names, and fields that contain others
-    "Model.link_length", "Model.link_mass", "Model.rest_angle", "Model.mass_at", "Model.tip_mass", "Model.base_length",
+    "Model.link_length", "Model.link_mass", "Model.rest_angle", "Model.mass_at", "Model.tip_mass", "Model.tip_inertia",
+    "Model.base_length",
     "Model.base_angle", "Model.memory", "Model.name", "Model.source", "Chamber.name",
     "Chamber.valve", "Extension.name", "Station.name",
 )

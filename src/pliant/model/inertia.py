@@ -11,7 +11,9 @@ from pliant.equations.inertia import body_constants
 Array = np.ndarray
 
 
-def inertia_constants(length: Array, mass: Array, tip_mass: Any, *, rod: bool) -> tuple[Array, Array, Array]:
+def inertia_constants(
+    length: Array, mass: Array, tip_mass: Any, *, rod: bool, tip_inertia: Any = 0.0,
+) -> tuple[Array, Array, Array]:
     """Return the inertia constants of n links: coupling matrix B (n, n, ...) and rotary inertias (n, ...) [kg m^2], and
     first moments h (n, ...) [kg m]. The dots are the axes of a batch, if any.
 
@@ -23,8 +25,12 @@ def inertia_constants(length: Array, mass: Array, tip_mass: Any, *, rod: bool) -
         Mass at the last tip, kg.
     rod : bool
         Whether links are uniform rods; otherwise their masses are at their tips.
+    tip_inertia : float or array (...)
+        Moment of inertia of the mass at the last tip, about its centre, kg m^2.
     """
     n = len(length)
     B, h = np.empty((n, *length.shape)), np.empty(length.shape)
     body_constants(length, mass, length * (0.5 if rod else 1.0), tip_mass, B, h)
-    return B, mass * length**2 / 12.0 * rod, h
+    rotary = mass * length**2 / 12.0 * rod
+    rotary[-1] += tip_inertia
+    return B, rotary, h

@@ -65,6 +65,9 @@ class Model(ModelParameters):
         Whether a link is a uniform rod, or has all its mass at its tip (the paper's frames taken literally).
     tip_mass : float
         Cap or load at the tip of the last link, kg.
+    tip_inertia : float
+        Moment of inertia of the cap or load about an axis across the last link through its tip, kg m^2; 0 for a point
+        mass. About the link's axis it is twice as large, as of a flat round disc.
     base_length, base_angle : float
         Length [m] of the rigid part between the origin and the first joint, and its angle from +y [rad].
     gravity : array (2,)

@@ -58,6 +58,9 @@ class ModelParameters(Shown):
     tip_mass: Annotated[float, Quantity(
         "kg", "cap or load at the last tip", sign="not negative", most=1e5, lower=0.0, scale=5e-3,
         guess=0.0)] = 0.0
+    tip_inertia: Annotated[float, Quantity(
+        "kg m^2", "moment of inertia of the cap or load about an axis across the last link through its tip",
+        sign="not negative", most=1e5, lower=0.0, scale=1e-5, guess=0.0)] = 0.0
     base_length: Annotated[float, Quantity(
         "m", "length of the rigid part before the first joint", sign="not negative", most=1e3,
         fitted=False)] = 0.0

@@ -75,6 +75,8 @@ def sentences(model: ModelParameters) -> list[str]:
         said.append(f"hysteresis of the segments: {', '.join(model.memory.axial.labels)}")
     if model.tip_mass:
         said.append(f"tip mass: {1e3 * model.tip_mass:.4g} g")
+    if model.tip_inertia:
+        said.append(f"moment of inertia of the tip mass: {model.tip_inertia:.4g} kg m^2")
     if model.mass_at == "tip":
         said.append("mass of a link at its tip")
     gravity = ", ".join(f"{g:.4g}" for g in model.gravity)

@@ -27,7 +27,8 @@ class Tendon(ActuationInput):
     The tension is T = max(0, k (u - g . x) + T_0). g is the lever arm at each coordinate x, exact where the body bends
     in arcs, u the length drawn in, and k the stiffness of the tendon with its attachments. With driven_by = "tension",
     T is the input. Over a joint that swings by theta, friction multiplies the tension by exp(-mu theta) while the
-    tendon is drawn in, and by exp(mu theta) while it is let out.
+    tendon is drawn in, and by exp(mu theta) while it is let out. Where the tendon enters the body, its tension falls by
+    `entry_friction` while it is drawn in, and rises by it while it is let out, but never by more than the tension.
 
     Parameters
     ----------
@@ -55,6 +56,8 @@ class Tendon(ActuationInput):
         and T_0 - imbalance / 2.
     friction : float
         mu, coefficient of friction along the path.
+    entry_friction : float
+        Friction force where the tendon enters the body, such as that of its pulley or guide, N.
     slip_rate : float
         Rate of slip [m/s] over which friction changes its direction: a tendon held by friction creeps at up to about
         this rate.
@@ -90,6 +93,9 @@ class Tendon(ActuationInput):
     slip_rate: Annotated[float, Quantity(
         "m/s", "rate of slip over which friction changes its direction", sign="positive", least=1e-9, most=1e3,
         fitted=False)] = 1e-3
+    entry_friction: Annotated[float, Quantity(
+        "N", "friction of a tendon where it enters the body", sign="not negative", most=1e6,
+        lower=0.0, scale=0.1)] = 0.0
     imbalance: Annotated[float, Quantity(
         "N", "pretension of a pair's first tendon less that of its second", most=1e6, scale=1.0)] = 0.0
     taper: Annotated[float, Quantity(
@@ -196,10 +202,12 @@ class Tendon(ActuationInput):
     def law_unit(self, power: int) -> str:  # noqa: ARG002  of the interface
         return {"N": "1", "m": "N/m", "rad": "N/rad"}[self.unit]
 
-    def constants(self) -> tuple[float, float, float, float]:
-        """Return the tendon's stiffness [N/m], pretension [N], friction coefficient and slip rate [m/s]."""
+    def constants(self) -> tuple[float, ...]:
+        """Return the tendon's stiffness [N/m], pretension [N], friction coefficient, slip rate [m/s] and entry friction
+        [N].
+        """
         k, T0 = (self.line_stiffness, self.pretension) if self.elastic else (0.0, 0.0)
-        return k, T0, self.friction, self.slip_rate
+        return k, T0, self.friction, self.slip_rate, self.entry_friction
 
     def sentences(self, *, alone: bool) -> list[str]:  # noqa: ARG002  of the interface
         """Return sentences that describe the tendon's path, input, stiffness and lag."""
@@ -212,5 +220,6 @@ class Tendon(ActuationInput):
         more += [f"pulley {1e3 * self.pulley:.3g} mm"] if self.pulley else []
         more += [f"pair, imbalance {self.imbalance:.3g} N" if self.imbalance else "pair"] if self.pair else []
         more += [f"friction {self.friction:.3g}"] if self.friction else []
+        more += [f"friction {self.entry_friction:.3g} N at its entry"] if self.entry_friction else []
         lag = self.valve.words()
         return [", ".join([text, *more]), *([f"{self.name}: lag {lag}"] if lag else [])]

@@ -15,7 +15,8 @@ from pliant.identification.torque_start import grown, highest_level
 from pliant.mechanics import mechanics_of
 from pliant.model import ActuationInput, Extension, Model
 
-NO_SHARE = 1e-6  # fraction at which a hysteresis branch or a late part of the pressure has no effect
+NO_SHARE = 1e-6  # fraction or coefficient at which hysteresis, friction or a late part of the pressure has no effect
+NO_FORCE = 1e-6  # N at which the friction of a tendon has no effect
 WIDE = 0.5  # of an input's highest value, down to which it must come to show the curvature of its torque law
 GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
 TERMS = {  # the names of all terms, and what they add
@@ -26,6 +27,8 @@ TERMS = {  # the names of all terms, and what they add
     "creep": "creep",
     "creep_2": "a second creep branch",
     "slip": "internal friction",
+    "tendon_friction": "friction along the tendons",
+    "entry_friction": "friction of tendons where they enter the body",
     "axial_creep": "creep of the length",
     "torque_2": "curvature of the torque law",
     "torque_3": "odd cubic torque law",
@@ -172,12 +175,15 @@ def springs(model: Model) -> Iterator[Term]:
 
 
 def relaxation(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
-    """Yield creep of the joints, with one branch and a second one, friction, and creep of a body that lengthens, or
-    that the term in `longer` lengthens.
+    """Yield creep of the joints, with one branch and a second one, friction of joints and tendons, and creep of a body
+    that lengthens, or that the term in `longer` lengthens.
     """
     yield branch("creep", "", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0))
     yield branch("creep_2", "", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), needs="creep")
     yield branch("slip", "", "slip_share_1", "slip_angle_1", (0.003, 0.02, 0.1))
+    if model.actuation.tendons:
+        yield term("tendon_friction", "", [Parameter("friction", 0.1)], {"friction": NO_SHARE})
+        yield term("entry_friction", "", [Parameter("entry_friction", 0.05)], {"entry_friction": NO_FORCE})
     if mechanics_of(model).lengthens or longer:
         yield branch("axial_creep", "", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0),
                      needs=next((t.name for t in longer), ""))  # fmt: skip

@@ -88,6 +88,7 @@ def inertia(c, posed, quarter):
     cos, sin, stretch, across, along = posed
     gx, gy = c["gravity"]
     M = across.T @ c["B"] @ across + along.T @ c["B"] @ along
+    M = M.at[LINKS - 1, LINKS - 1].add(c["tip_inertia"])
     turning = quarter * (c["h"] * stretch * (gy * cos - gx * sin))[1:]
     M = M + jnp.diag(jnp.concatenate([turning, jnp.zeros(SEGMENTS, M.dtype)]))
     if SEGMENTS:

@@ -70,7 +70,8 @@ def constants(p):
     axial, rod, tip = 0.5 * mass * square, mass[-1], p["tip_mass"]
     lateral = lateral.at[-1].add(rod * tip / (rod + tip) * (length[-1] - centre[-1]) ** 2)
     centre = centre.at[-1].set((rod * centre[-1] + tip * length[-1]) / (rod + tip))
-    mass = mass.at[-1].add(tip)
+    mass, lateral = mass.at[-1].add(tip), lateral.at[-1].add(p["tip_inertia"])
+    axial = axial.at[-1].add(2.0 * p["tip_inertia"])
     ratio, twist = p["stiffness_ratio"], p.get("twist_ratio", 0.0)
     K, D = (each_coordinate(k, ratio * k, twist * k) for k in (p["stiffness"], p["damping"]))
     share = jnp.zeros((LINKS + 1, 0), K.dtype)

@@ -1,4 +1,4 @@
-"""Tendons of a chain in space: mean tension over a step, slack, and capstan friction along the path.
+"""Tendons of a chain in space: mean tension over a step, slack, friction at the entry and along the path (capstan).
 
 A tendon of signed force s has the tension max(0, s). Its mean over a step is that of the work it stores; friction is
 that at the rates in the middle of the step.
@@ -30,23 +30,29 @@ def mean_tension(s0, s1):
     return jnp.where(first & last, 0.5 * (s0 + s1), jnp.where(first | last, mixed, 0.0))
 
 
-def felt(c, x, v):
-    """Return the fraction (R, N) of each tendon's tension that acts on each coordinate, at coordinates x and rates v.
+def felt(c, tension, x, v):
+    """Return the fraction (R, N) of each tendon's tension (R,) that acts on each coordinate, at coordinates x and rates
+    v.
 
-    Over a joint that swings by theta the tension changes by the factor exp(-mu theta run), run from -1 to 1.
+    At the entry the tension falls by `entry_friction` run, at most by tension times run, with run from -1 to 1. Over a
+    joint that swings by theta it changes by the factor exp(-mu theta run).
     """
     a, b = x[0 : 2 * LINKS : 2], x[1 : 2 * LINKS : 2]
     theta = jnp.sqrt(a * a + b * b + TINY)
-    speed = (c["lever"] * v) @ c["beyond"]  # (R, n) shortening of the path beyond the middle of each joint
+    speed = (c["lever"] * v) @ c["beyond"]  # (R, n + 1) shortening of the path beyond the entry and each joint
     run = speed / jnp.sqrt(speed * speed + (c["slip_rate"] ** 2)[:, None])
-    kept = jnp.exp(-jnp.cumsum(c["friction"][:, None] * theta * run, axis=1))
-    lost = jnp.concatenate([jnp.ones_like(kept[:, :1]), kept[:, :-1]], axis=1) - kept
+    over = tension > c["entry_friction"]
+    grip = jnp.where(over, c["entry_friction"] / jnp.where(over, tension, 1.0), 1.0 * (c["entry_friction"] > 0.0))
+    entered = 1.0 - grip[:, None] * run[:, :1]
+    behind = jnp.exp(-jnp.cumsum(c["friction"][:, None] * theta * run[:, 1:], axis=1))
+    kept = entered * jnp.concatenate([jnp.ones_like(entered), behind], axis=1)
+    lost = jnp.concatenate([jnp.ones_like(entered), kept[:, :-1]], axis=1) - kept
     return 1.0 - lost @ c["beyond"].T
 
 
 def pulls(c, tension, x, v):
     """Return the generalised forces (N,) of tensions (R,) at coordinates x, with friction at rates v (N,)."""
-    part = felt(c, x, v) if RUBS else 1.0
+    part = felt(c, tension, x, v) if RUBS else 1.0
     return jnp.sum(c["lever"] * part * tension[:, None], axis=0)
 
 
