@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pliant.control.quadratic_program import QuadraticProgram
+from pliant.control.mpc import QuadraticProgram
 from pliant.errors import InputError
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "predictive.py"

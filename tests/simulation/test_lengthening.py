@@ -12,7 +12,7 @@ import pliant
 from pliant.batch.stepper import batch_stepper
 from pliant.contact import momentum_residual
 from pliant.contact.moment_arms import moment_arms
-from pliant.control.equilibria import equilibria
+from pliant.control.steady_inputs import equilibria
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import AdaptiveObserver, LinkAngles
 from pliant.mechanics import mechanics_of

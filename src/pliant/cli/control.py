@@ -147,7 +147,7 @@ def reached(done: TaskResult) -> dict[str, Any]:
     """
     import numpy as np
 
-    from pliant.control.activity import command_activity
+    from pliant.control.rehearsal import command_activity
 
     if "target_m" not in done.log:
         return reached_by_several(done)
@@ -168,7 +168,7 @@ def reached(done: TaskResult) -> dict[str, Any]:
 
 def settling(done: TaskResult) -> list[float | None]:
     """Return the settling time [s] of the estimated tip for each set-point; None if it does not settle."""
-    from pliant.control.activity import settling_times
+    from pliant.control.rehearsal import settling_times
 
     if "target_m" not in done.log:
         return []

@@ -13,11 +13,10 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.control import feedback_loops
 from pliant.control.contract import ControllerKind
-from pliant.control.design import LqrDesign
-from pliant.control.gains import Gains
-from pliant.control.limits import Limits
+from pliant.control.design import Gains, LqrDesign
 from pliant.control.steady_inputs import output_weights, tip_geometry
-from pliant.control.valve_states import ValveObserver
+from pliant.control.tuning import Limits
+from pliant.control.valve import ValveObserver
 from pliant.estimation.contract import State
 from pliant.mechanics import mechanics_of
 

@@ -9,10 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from pliant.control.design import LqrDesign, design_outputs
-from pliant.control.equilibria import Equilibria, equilibria
-from pliant.control.limits import Limits
+from pliant.control.steady_inputs import Equilibria, equilibria
 from pliant.control.trajectory import Planner, Trajectory
-from pliant.control.tuning import MpcTuning, PidTuning, Tuning
+from pliant.control.tuning import Limits, MpcTuning, PidTuning, Tuning
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import frozen

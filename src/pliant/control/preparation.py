@@ -8,14 +8,13 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from pliant.control.contract import Controller, Pipeline
+from pliant.control.contract import Controller, Pipeline, controller_kind
 from pliant.control.design import LqrDesign
-from pliant.control.limits import Limits
 from pliant.control.plan import Plan, Task
-from pliant.control.registry import controller_kind
 from pliant.control.rehearsal import Rehearsal, RehearsalSetting, limit_aware
 from pliant.control.steady_inputs import output_weights
 from pliant.control.trajectory import Trajectory
+from pliant.control.tuning import Limits
 from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
 from pliant.estimation.contract import Estimator, EstimatorKind, Setting

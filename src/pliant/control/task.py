@@ -11,10 +11,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from pliant.control.limits import Limits
+from pliant.control.contract import controller_kind
 from pliant.control.plan import Task
-from pliant.control.registry import controller_kind
-from pliant.control.tuning import Tuning
+from pliant.control.tuning import Limits, Tuning
 from pliant.control.valve import SupplyValve
 from pliant.errors import explain_validation
 from pliant.files import read_entries

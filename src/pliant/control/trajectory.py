@@ -12,11 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pliant.control.equilibria import Equilibria
-from pliant.control.limits import Limits
-from pliant.control.steady_inputs import bounded_least_squares
-from pliant.control.valve import SupplyValve, supply_of
-from pliant.control.valve_states import behind_supply, valve_under
+from pliant.control.steady_inputs import Equilibria, bounded_least_squares
+from pliant.control.tuning import Limits
+from pliant.control.valve import SupplyValve, behind_supply, supply_of, valve_under
 from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import frozen
 from pliant.linear.linearisation import LinearModel, linearise
