@@ -30,10 +30,9 @@ from pliant.exporters.mjcf import controls, mjcf
 from pliant.exporters.provenance import Provenance
 from pliant.model import Chamber, Space, Station, chain_model
 from pliant.recording import make_recording
-from pliant.testbed.contact import Circle
 from pliant.testbed.laboratory import Laboratory, generate, run_rod
 from pliant.testbed.rod import actuator
-from pliant.testbed.scenarios import Command, Scenario, pulse, scenario
+from pliant.testbed.scenarios import Circle, Command, Scenario, pulse, scenario
 
 HALF_WIDTH = 0.005  # m
 LEARN = range(5)

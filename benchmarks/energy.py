@@ -22,10 +22,10 @@ import pliant
 from pliant.errors import PliantError
 from pliant.model import Extension, Model
 from pliant.simulation import state
-from pliant.simulation.accuracy import AccuracyWarning
 from pliant.simulation.balance import EnergyWarning
 from pliant.simulation.inputs import Input
 from pliant.simulation.state import typical_pressure
+from pliant.simulation.time_step import AccuracyWarning
 
 DURATION, EVERY, WRONG = 0.5, 1e-3, 0.01  # s, s, of the length
 BENT = {"small": 0.15, "large": 0.7}  # rad, of each joint at the start

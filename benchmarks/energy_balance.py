@@ -25,9 +25,9 @@ import pliant
 from pliant.errors import PliantError
 from pliant.model import Chamber, Extension, Memory, Model, Space, Tendon, Valve
 from pliant.simulation import Pulse, state
-from pliant.simulation.accuracy import AccuracyWarning
 from pliant.simulation.forces import PointForce
 from pliant.simulation.inputs import Input
+from pliant.simulation.time_step import AccuracyWarning
 
 Array = np.ndarray
 Random = np.random.Generator

@@ -10,7 +10,7 @@ import pytest
 from pliant import plugins
 from pliant.errors import InputError
 from pliant.estimation import EstimatorKind, KalmanFilter, LinkAngles, Setting, State, estimators, frozen
-from pliant.estimation import registry as registered
+from pliant.estimation import contract as registered
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Memory, chain_model
 from pliant.simulation import Trace, simulate

@@ -9,9 +9,9 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
-from pliant.model.limits import MOST_TERMS
 from pliant.model.memory import payne, springpot
 from pliant.model.parts import declared
+from pliant.model.quantity import MOST_TERMS
 from pliant.model.wall import rest_growth
 
 LIMITS = {d.name: d.quantity for d in declared() if math.isfinite(d.quantity.most)}

@@ -66,7 +66,7 @@ def contact(
 
         write_figure(contact_overview(results[0]), figure)
     if chart is not None:
-        from pliant.contact.map_file import save_map
+        from pliant.contact.occupancy_map import save_map
 
         save_map(map_contacts(results, half_width=half_width_mm * 1e-3), chart)
     for path, one in zip(recordings, results, strict=True):

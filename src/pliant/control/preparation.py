@@ -17,10 +17,8 @@ from pliant.control.trajectory import Trajectory
 from pliant.control.tuning import Limits
 from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
-from pliant.estimation.contract import Estimator, EstimatorKind, Setting
-from pliant.estimation.link_angles import LinkAngles, calibrated
-from pliant.estimation.link_tips import LinkTips, with_rest_shape
-from pliant.estimation.registry import estimator_kind
+from pliant.estimation.contract import Estimator, EstimatorKind, Setting, estimator_kind
+from pliant.estimation.link_angles import LinkAngles, LinkTips, calibrated, with_rest_shape
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults

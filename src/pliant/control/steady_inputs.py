@@ -1,4 +1,4 @@
-"""Steady inputs that hold outputs, such as the tip position, at given values, and equilibria over the pressure range."""
+"""Steady inputs that hold outputs, such as the tip position, at given values, and equilibria over all pressures."""
 
 from __future__ import annotations
 

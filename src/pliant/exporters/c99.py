@@ -21,10 +21,8 @@ from pliant.compiler.c import cosine_and_sine
 from pliant.errors import InputError, shown
 from pliant.exporters.c_functions import DERIVED, UNIT, Text, parameters
 from pliant.exporters.c_space import text_of
-from pliant.exporters.control_range import stated_levels
-from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
-from pliant.exporters.registry import Exporter
+from pliant.exporters.registry import Exporter, stated_levels, with_identifiers
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
 from pliant.model import Model

@@ -23,12 +23,10 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr
 
 from pliant.errors import InputError, SimulationError
-from pliant.exporters.control_range import range_note, stated_levels
 from pliant.exporters.difference import default_levels
 from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
-from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
-from pliant.exporters.registry import Exporter
+from pliant.exporters.registry import Exporter, range_note, stated_levels, with_identifiers
 from pliant.exporters.rigid_chain import (
     RigidChain,
     RigidLink,

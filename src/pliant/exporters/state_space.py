@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.exporters.control_range import levels_in
-from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
-from pliant.exporters.registry import Exporter
+from pliant.exporters.registry import Exporter, levels_in, with_identifiers
 from pliant.files import whole
 from pliant.linear import linearise
 from pliant.linear.linearisation import LinearModel

@@ -17,9 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.exporters.mjcf import number
-from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
-from pliant.exporters.registry import Exporter
+from pliant.exporters.registry import Exporter, with_identifiers
 from pliant.exporters.rigid_chain import (
     TINY,
     RigidChain,

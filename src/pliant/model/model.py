@@ -17,10 +17,9 @@ from pliant.model.chamber import FIELDS, Chamber
 from pliant.model.checks import numbers, one_number
 from pliant.model.extensible import joints_inside
 from pliant.model.extension import extensions_of
-from pliant.model.limits import MOST_LINKS
 from pliant.model.parameters import ModelParameters
 from pliant.model.physical import check_physical
-from pliant.model.quantity import fields_per, quantities, scalars
+from pliant.model.quantity import MOST_LINKS, fields_per, quantities, scalars
 from pliant.model.space import space_of
 from pliant.model.station import stations_of
 from pliant.model.summary import model_card

@@ -8,9 +8,8 @@ from math import inf, isfinite
 from pliant.errors import InputError
 from pliant.model.checks import check_names, check_numbers
 from pliant.model.extensible import check_extensions
-from pliant.model.limits import MOST_STATIONS
 from pliant.model.parameters import ModelParameters
-from pliant.model.quantity import quantities
+from pliant.model.quantity import MOST_STATIONS, quantities
 from pliant.model.space import check_space
 from pliant.model.station import Station
 

@@ -16,9 +16,9 @@ import xarray as xr
 from pliant.equations.memory import memory_stored
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.simulation.accuracy import LIMIT, AccuracyWarning
 from pliant.simulation.initial_value import Marched
-from pliant.simulation.memory import laws_of, memory_energy
+from pliant.simulation.state import laws_of, memory_energy
+from pliant.simulation.time_step import LIMIT, AccuracyWarning
 
 Array = np.ndarray
 MOST_MISSING = LIMIT  # of the exchanged energy, see `energy_defects`

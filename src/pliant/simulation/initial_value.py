@@ -13,7 +13,7 @@ from pliant.errors import SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.lengths import check_lengths
 from pliant.model import Model
-from pliant.simulation import march_loops, memory, state
+from pliant.simulation import march_loops, state
 from pliant.simulation.base_motion import BaseMotion, base_rows, check_base, resting_load
 from pliant.simulation.chamber_course import delivered
 from pliant.simulation.drive import Drive, before, check_times, drive, inputs_of, too_fast
@@ -57,7 +57,7 @@ class InitialValueProblem(NamedTuple):
         q = state.equilibrium(model, self.initial, link_load=load) if rest else state.vector(model, angle)
         dq = np.zeros(model.size) if rate is None else state.vector(model, rate)
         start = mechanics_of(model).coordinates(q), mechanics_of(model).rates(dq)
-        return self._replace(start=start, states=memory.first_states(model, q, states))
+        return self._replace(start=start, states=state.first_states(model, q, states))
 
     def plan(self, time_step: float, times: Array | None = None) -> Drive:
         """Return time steps of at most `time_step` that end at all `times`, with the mean torques and forces in them.

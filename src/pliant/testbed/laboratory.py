@@ -19,12 +19,10 @@ from pliant.recording import make_recording, read
 from pliant.recording.netcdf import write_netcdf
 from pliant.testbed import fibre as fibre_sensor
 from pliant.testbed.angle_sensor import FLEX, AngleSensor, observe_angle
-from pliant.testbed.contact import obstacle_rows
 from pliant.testbed.family import Member, member
-from pliant.testbed.fibre import FibreSensor
-from pliant.testbed.mocap import MotionCapture, marker_names, observe_markers
+from pliant.testbed.fibre import FibreSensor, body_angle, stretched
 from pliant.testbed.rod import RodParameters
-from pliant.testbed.scenarios import Scenario, scenario
+from pliant.testbed.scenarios import Scenario, obstacle_rows, scenario
 from pliant.testbed.stepping import RodMotion, simulate
 from pliant.testbed.truth import make_truth, read_truth, write_truth
 from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator, read_pressure, supply_pressure
@@ -33,6 +31,57 @@ Array = np.ndarray
 Output = Literal["position", "strain", "markers", "angle"]
 SUPPLY_STEP = 1.25e-5  # s, of the valve's equations
 RECORD = 1e-3  # s between two kept states
+
+
+BASE = ((0.02, -0.01, 0.0), (-0.02, -0.01, 0.0), (0.0, -0.01, 0.02))  # m, markers on the clamp
+
+
+@dataclass(frozen=True)
+class MotionCapture:
+    """A motion-capture system with markers on the convex side of the body and on the clamp (SI units)."""
+
+    markers: int = 5
+    stand_off: float = 0.014  # m, from the centreline
+    noise: float = 5e-5  # m, each axis
+    drop_out: float = 0.002  # probability, each marker and frame
+    rate: float = 100.0  # Hz
+
+
+def marker_names(mocap: MotionCapture) -> list[str]:
+    """Return the names of the markers: three on the base, then those on the body from base to tip."""
+    return [f"base_{k + 1}" for k in range(len(BASE))] + [f"body_{k + 1}" for k in range(mocap.markers)]
+
+
+def marker_positions(motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: Array) -> Array:
+    """Return the true positions (T, M, 3) [m] of M markers in the actuator's frame at T times `at` (T,) [s]."""
+    s, theta = body_angle(motion, p, at)
+    half = 0.5 * (theta[:, 1:] + theta[:, :-1])
+    step = np.diff(stretched(motion, p, at), axis=1)
+    zero = np.zeros((at.size, 1))
+    x = np.concatenate([zero, np.cumsum(-np.sin(half) * step, axis=1)], axis=1)
+    y = np.concatenate([zero, np.cumsum(np.cos(half) * step, axis=1)], axis=1)
+    on = np.round(np.arange(1, mocap.markers + 1) / mocap.markers * (s.size - 1)).astype(int)
+    out = np.zeros((at.size, len(BASE) + mocap.markers, 3))
+    out[:, : len(BASE)] = BASE
+    out[:, len(BASE) :, 0] = x[:, on] + mocap.stand_off * np.cos(theta[:, on])
+    out[:, len(BASE) :, 1] = y[:, on] + mocap.stand_off * np.sin(theta[:, on])
+    return out
+
+
+def observe_markers(
+    motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: Array, rng: np.random.Generator
+) -> Array:
+    """Return noisy positions (T, M, 3) [m] of M markers at T times `at` (T,) [s], in a laboratory frame of random pose.
+    Lost markers are NaN.
+    """
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_quat(rng.standard_normal(4)).as_matrix()
+    shift = rng.uniform(-0.5, 0.5, 3)
+    out = marker_positions(motion, p, mocap, at) @ turn.T + shift
+    out += mocap.noise * rng.standard_normal(out.shape)
+    out[rng.random(out.shape[:2]) < mocap.drop_out] = np.nan
+    return np.asarray(out)
 
 
 @dataclass(frozen=True)

@@ -150,7 +150,7 @@ def settle(
         Pressure of each chamber (Pa), force on the pushed node (x and y, N), couple on the last edge (N m).
         Default: zero loads.
     obstacles : (O, 7) array, optional
-        Rows of `pliant.testbed.contact.obstacle_rows`.
+        Rows of `pliant.testbed.scenarios.obstacle_rows`.
     increments : int
         Number of equal steps in which loads and gravity are applied.
 

@@ -14,9 +14,8 @@ import numpy as np
 from pliant.files import write_text
 from pliant.testbed.bundle import FOLDER
 from pliant.testbed.camera.film import film
-from pliant.testbed.camera.scene import Look
+from pliant.testbed.camera.scene import Look, View
 from pliant.testbed.camera.shutter import Shutter
-from pliant.testbed.camera.view import View
 from pliant.testbed.scenarios import Command, Scenario
 
 SEED = 1

@@ -13,15 +13,14 @@ import xarray as xr
 
 from pliant.errors import InputError
 from pliant.files import whole
-from pliant.testbed.camera.scene import Look
+from pliant.testbed.camera.scene import Look, View
 from pliant.testbed.camera.shutter import Scene, Shutter, moments
-from pliant.testbed.camera.view import View
 from pliant.testbed.laboratory import resolved, run_rod
 from pliant.testbed.rod import RodParameters
 from pliant.testbed.scenarios import Scenario
 from pliant.testbed.truth import make_truth, node_positions
 from pliant.testbed.valve import read_pressure
-from pliant.video.movie import movie
+from pliant.video.overlay import movie
 
 Array = np.ndarray
 Shape = Callable[[Array], Array]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pliant.recording.camera import opencv
-from pliant.testbed.camera.scene import Look, board, bounds, hand, layers, lighting, painted
-from pliant.testbed.camera.view import View
+from pliant.testbed.camera.scene import Look, View, board, bounds, hand, layers, lighting, painted
 
 Array = np.ndarray
 BLUR_STEP, MOST_STEPS = 2.0, 12  # pixels of motion between two moments of an exposure, and the most moments
