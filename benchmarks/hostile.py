@@ -25,7 +25,7 @@ from pliant.loop.run import streams
 from pliant.loop.sample import pack, unpack
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model, save_model
-from pliant.model.physical import check_physical
+from pliant.model.model import check_physical
 from pliant.simulation.balance import in_play, stored_energy
 from pliant.simulation.time_step import AccuracyWarning
 from pliant.study import load_study

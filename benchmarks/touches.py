@@ -29,7 +29,7 @@ from pliant.contact import find_contact
 from pliant.contact.contact import FilteredFreeMotion, filtered_free_motion, free_motion_for_rate
 from pliant.contact.free_motion import blocks, normalised, tail
 from pliant.contact.likelihood_ratio import innovation_response
-from pliant.contact.moment_arms import moment_arms
+from pliant.contact.locate import moment_arms
 from pliant.estimation import estimate
 from pliant.estimation.measurement import Measurement, measurement_of
 from pliant.study.dense import body_of_fibre

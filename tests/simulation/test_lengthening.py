@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 import pliant
 from pliant.batch.stepper import batch_stepper
 from pliant.contact import momentum_residual
-from pliant.contact.moment_arms import moment_arms
+from pliant.contact.locate import moment_arms
 from pliant.control.steady_inputs import equilibria
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import AdaptiveObserver, LinkAngles

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.contact.moment_arms import moment_arms
+from pliant.contact.locate import moment_arms
 from pliant.equations.observation import observe_rows
 from pliant.estimation import kalman_loops
 from pliant.estimation.measurement import Measurement

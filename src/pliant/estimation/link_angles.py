@@ -9,7 +9,7 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.equations.observation import JOINT
 from pliant.errors import InputError
-from pliant.estimation import link_angle_loops
+from pliant.estimation import kalman_loops as link_angle_loops
 from pliant.estimation.contract import Frame
 from pliant.estimation.measurement import rows_of
 from pliant.mechanics import mechanics_of

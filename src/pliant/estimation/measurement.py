@@ -17,7 +17,7 @@ from pliant.mechanics import mechanics_of
 from pliant.mechanics.spatial import SpatialChain
 from pliant.model import Model, Station, fixed_length
 from pliant.model.features import RESTING, Consumer
-from pliant.recording.base_pose import base_moves
+from pliant.recording.inputs import base_moves
 from pliant.recording.schema import check_recording, recorded_further
 from pliant.reduction import links_of
 from pliant.reduction.body import body_of

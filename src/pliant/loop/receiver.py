@@ -12,10 +12,10 @@ import numpy as np
 from pliant.control.task import LIMITS_IN, read_task
 from pliant.errors import InputError
 from pliant.loop.clock import Clock, SystemClock
-from pliant.loop.endings import ended_by_signals
 from pliant.loop.keyed import read_key
 from pliant.loop.network import UdpSource
 from pliant.loop.sample import COMMAND, Sample, Sender, Source, nanoseconds
+from pliant.loop.watchdog import ended_by_signals
 from pliant.shapes import Float
 from pliant.units import PASCAL
 

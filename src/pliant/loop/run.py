@@ -11,10 +11,9 @@ from pliant.control.contract import Pipeline
 from pliant.errors import InputError
 from pliant.estimation.contract import State
 from pliant.loop.clock import Clock, Timing
-from pliant.loop.endings import ended_by_signals
 from pliant.loop.log import LoopLog
 from pliant.loop.sample import COMMAND, PRESSURE, SHAPE, Sample, Sink, Source, nanoseconds, sample
-from pliant.loop.watchdog import Watchdog
+from pliant.loop.watchdog import Watchdog, ended_by_signals
 from pliant.text import escaped
 from pliant.units import KIND_OF, METRE, NEWTON, PASCAL, RADIAN
 

@@ -29,14 +29,13 @@ from pliant.equations.symbols import (
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.contract import Mechanics
-from pliant.mechanics.frames import LinkFrames, link_coordinates
 from pliant.mechanics.lengths import check_lengths
 from pliant.mechanics.reaction import BaseTwist, planar_reaction, point_carried
-from pliant.mechanics.records import CoordinateKind, Energy
+from pliant.mechanics.records import CoordinateKind, Energy, LinkFrames, link_coordinates
 from pliant.mechanics.rest import loaded_rest
 from pliant.model import Station, fixed_length
+from pliant.model.checks import inertia_constants
 from pliant.model.extensible import extensible_inertia
-from pliant.model.inertia import inertia_constants
 from pliant.numerics.curve import tangents
 
 Array = np.ndarray

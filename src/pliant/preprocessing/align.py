@@ -15,21 +15,21 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.preprocessing.alignment import Alignment, alignment_of
 from pliant.preprocessing.base import (
+    BaseRest,
     base_rotation_at_rest,
     base_tangent,
     bending_normal,
     input_normal,
     named_axis,
     still_noise,
+    with_base_input,
 )
-from pliant.preprocessing.base_input import BaseRest, with_base_input
 from pliant.preprocessing.detectors import BLOCK_FRAMES, mean_place, orientation_jumps, seen_points
 from pliant.preprocessing.repair import undo_orientation_jumps
 from pliant.preprocessing.rest import clock_finding, rest_window
 from pliant.preprocessing.rotations import angle_about, continuous, from_matrix, mean_rotation, to_matrix
-from pliant.preprocessing.side import bending_sign, half_turn, planar_side
+from pliant.preprocessing.side import Alignment, alignment_of, bending_sign, half_turn, planar_side
 from pliant.recording import append_history, check_recording, make_recording
 from pliant.recording.schema import refuse_loss
 

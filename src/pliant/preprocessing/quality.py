@@ -14,8 +14,7 @@ from pliant.preprocessing.angles import angle_facts, angle_sentences
 from pliant.preprocessing.detectors import by_blocks
 from pliant.preprocessing.glitches import Glitch, glitch_sentences, input_glitches, leave_out_glitches
 from pliant.preprocessing.held import Span, frozen, frozen_sentences, frozen_spans, staircase_sentences, staircases
-from pliant.preprocessing.labels import exchanged
-from pliant.preprocessing.picture import recording_svg
+from pliant.preprocessing.labels import exchanged, recording_svg
 from pliant.preprocessing.plausibility import UNITS, Case, doubts
 from pliant.preprocessing.plausibility.shape import extent
 from pliant.preprocessing.pressure_clock import clock_overlap, clock_sentences, overlap_sentences, pressure_clock

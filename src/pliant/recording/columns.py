@@ -21,12 +21,21 @@ from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
 from pliant.recording.cells import cells_of, is_one_of, with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.column_arrays import ColumnHeader, calibrated, input_arrays, pressure_arrays, station_arrays
-from pliant.recording.column_mapping import Column, ColumnMapping, InputColumns, PressureColumns, StationColumns
-from pliant.recording.column_names import PartedClock
+from pliant.recording.column_arrays import (
+    Column,
+    ColumnHeader,
+    ColumnMapping,
+    InputColumns,
+    PressureColumns,
+    StationColumns,
+    calibrated,
+    input_arrays,
+    pressure_arrays,
+    station_arrays,
+)
+from pliant.recording.column_names import PartedClock, completed
 from pliant.recording.inclination import turning_angles
 from pliant.recording.mapping import shorten
-from pliant.recording.named_columns import completed
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
 from pliant.recording.tables import (

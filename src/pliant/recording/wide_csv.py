@@ -24,10 +24,9 @@ from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
 from pliant.recording.cells import with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.column_names import parted_clock, pressures_named, standard_names, unitless_pressures
+from pliant.recording.column_names import CLOCKS, parted_clock, pressures_named, standard_names, unitless_pressures
 from pliant.recording.columns import changing_columns, kept_rows, read_columns, without_idle
 from pliant.recording.mapping import FileMapping, shorten
-from pliant.recording.named_columns import CLOCKS
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
 from pliant.recording.stated import WARNING, Reading, Stated

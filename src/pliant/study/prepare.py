@@ -16,7 +16,7 @@ from pliant.identification.from_recording import base_of
 from pliant.model import Model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
-from pliant.preprocessing.base_input import base_is_moved
+from pliant.preprocessing.base import base_is_moved
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.cut import cut_time
 from pliant.preprocessing.glitches import leave_out_glitches

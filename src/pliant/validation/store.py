@@ -19,7 +19,7 @@ from pliant.identification import Band, Experiment, FitResult, Parameter
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.model.file import read_model
-from pliant.recording.base_pose import CUTOFF
+from pliant.recording.inputs import CUTOFF
 from pliant.recording.netcdf import read_groups
 from pliant.reduction import LinkPlacement, OrderResult
 from pliant.selection import ModelSelection

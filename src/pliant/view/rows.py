@@ -13,7 +13,7 @@ from pliant.failures import NotComputed
 from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.result import FitResult
 from pliant.model import Model
-from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
+from pliant.model.summary import PLACEMENT, bending_stiffness, joint_placement
 from pliant.selection import ModelSelection
 from pliant.simulation import modes
 from pliant.units import KIND_OF

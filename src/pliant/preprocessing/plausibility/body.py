@@ -7,10 +7,10 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.section import bending_stiffness
-from pliant.preprocessing.alignment import alignment_of
+from pliant.model.summary import bending_stiffness
 from pliant.preprocessing.plausibility.contract import Case, Check
 from pliant.preprocessing.plausibility.shape import LEAST_BODY, MOST_BODY
+from pliant.preprocessing.side import alignment_of
 
 SHORTER, LONGER = 0.7, 5.0  # stated length relative to the reach in the recording
 DENSITY = (200.0, 8000.0)  # kg/m3: foam, and steel

@@ -6,9 +6,9 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing import detectors
-from pliant.preprocessing.alignment import Alignment, alignment_of
-from pliant.preprocessing.base_input import BASE_SHARE, STILL_SHARE
+from pliant.preprocessing.base import BASE_SHARE, STILL_SHARE
 from pliant.preprocessing.plausibility.contract import Case, Check
+from pliant.preprocessing.side import Alignment, alignment_of
 
 LEAST_BODY, MOST_BODY = 5e-3, 10.0  # m
 MOST_TURN = 420.0  # degrees: a body that curls up once and a little more
