@@ -9,7 +9,7 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.equations.observation import JOINT
 from pliant.errors import InputError
-from pliant.estimation import kalman_loops as link_angle_loops
+from pliant.estimation import kalman_loops
 from pliant.estimation.contract import Frame
 from pliant.estimation.measurement import rows_of
 from pliant.mechanics import mechanics_of
@@ -48,7 +48,7 @@ class LinkAngles:
             ends = ends * (s[-1] / ends[-1])
         self._left, self._share = neighbours(s, np.clip(ends, s[0], s[-1]))
         self._ends = self._left.astype(np.int64), self._share[:, 0].copy()
-        self._values, self._size = twin(link_angle_loops.joint_values), s.size
+        self._values, self._size = twin(kalman_loops.joint_values), s.size
         self.rows, self._variance = joint_rows(model), np.full(model.n, noise**2)
 
     def ends(self, points: Array) -> Array:

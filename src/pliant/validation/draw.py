@@ -202,13 +202,9 @@ def figures_of(outcome: StudyOutcome, records: Sequence[str], *, only: bool) -> 
     if moves_torque(outcome.fits):
         yield "torque", partial(figures.torque_figure, outcome.fits)
     if outcome.model_selection:
-        from pliant.validation.draw import selection_figure
-
         (fit,) = (f for f in outcome.fits if f.name == "model_selection")
         yield "model_selection", partial(selection_figure, outcome.model_selection, map_error(fit))
     if outcome.shape:
-        from pliant.validation.draw import order_figure, shape_figure
-
         yield f"order-{outcome.shape.name}", partial(order_figure, outcome.shape)
         yield f"shape-{outcome.shape.name}", partial(shape_figure, outcome.shape)
     for forecast in outcome.forecasts:
