@@ -7,10 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, ANGLE
 from pliant.equations.symbols import Sight
 from pliant.errors import InputError, SimulationError
-from pliant.estimation.measurement import row_width
 from pliant.estimation.offline import frame_of
 from pliant.estimation.symbols import FilterFrame
 from pliant.linear.linearisation import LinearModel, linearise
@@ -40,13 +38,13 @@ def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array
     coordinates `angle` (..., N).
     """
     tip = mechanics_of(model).tips(angle)[..., -1, :]
-    last = tip if model.space is not None else np.concatenate([tip, angle[..., model.n - 1 : model.n]], axis=-1)
-    return last[..., which_outputs(model, outputs)]
+    values = np.concatenate([tip, angle[..., model.n - 1 : model.n]], axis=-1)  # the angle is one in a plane only
+    return values[..., which_outputs(model, outputs)]
 
 
 def which_outputs(model: Model, outputs: tuple[str, ...]) -> list[int]:
     """Return the indices of the named outputs among those of a model; raise InputError for an unknown name."""
-    known = ("tip_x", "tip_y", "angle_sum" if model.space is None else "tip_z")
+    known = list(mechanics_of(model).outputs)
     if strange := [name for name in outputs if name not in known]:
         raise InputError(f"unknown output {strange[0]!r}: use one or more of {', '.join(known)}")
     return [known.index(name) for name in outputs]
@@ -56,11 +54,12 @@ def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[FilterFrame, S
     """Return the named outputs of the tip as rows of a measurement, with scratch arrays, as compiled kernels take them:
     the arguments `frame` and `sight` of `observation.outputs`.
     """
-    kinds = (ALONG_X, ALONG_Y, ANGLE if model.space is None else ALONG_Z)
+    chain = mechanics_of(model)
+    kinds = list(chain.outputs.values())
     tip = (model.n - 1, float(model.link_length[-1]), 0.0, 0.0)
-    rows = np.array([(kinds[k], *tip) for k in which_outputs(model, outputs)])[:, : row_width(model)]
+    rows = np.array([(kinds[k], *tip) for k in which_outputs(model, outputs)])[:, : chain.row_width]
     none = np.zeros(len(outputs))
-    return frame_of(model, rows, none, none), mechanics_of(model).sight(np.array)
+    return frame_of(model, rows, none, none), chain.sight(np.array)
 
 
 def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> tuple[Array, Array, Array]:

@@ -101,7 +101,7 @@ def row_width(model: Model) -> int:
     """Return the number of columns that define a measured quantity: 4 (its kind, its link, and its distances along and
     across the link), in space 5 (also its distance to the side).
     """
-    return 4 if model.space is None else 5
+    return mechanics_of(model).row_width
 
 
 def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> None:

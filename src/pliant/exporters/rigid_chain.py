@@ -108,10 +108,9 @@ class RigidChain(NamedTuple):
 
 def rigid_chain(model: Model) -> RigidChain:
     """Return the rigid bodies, hinges and slides that represent a model."""
-    turns = rest_turns(model)
+    turns, tangent = mechanics_of(model).rest_turns, mechanics_of(model).base_tangent
     masses, centre, across, along = inertias(model)
     hinges = hinges_of(model)
-    tangent = np.array([0.0, 0.0, 1.0] if model.space else [0.0, 1.0, 0.0])
     starts = [model.base_length, *model.link_length[:-1]]
     links = tuple(
         RigidLink(
@@ -168,13 +167,6 @@ def carrier_of(model: Model, chain: RigidChain, point: Station) -> tuple[str, Ar
             return slide.name, aside, None
     growth = point.along * model.stretch_share[point.link + 1]
     return body, aside, Slide(f"point_{point.name}", point.along, point.along, growth, LIGHT)
-
-
-def rest_turns(model: Model) -> Array:
-    """Return the rotation vectors (n + 1, 3) [rad] of the base part and of each of n joints in the rest shape."""
-    if model.space:
-        return np.concatenate([[model.space.base_tilt], model.space.rest_of(model.n)])
-    return np.outer([model.base_angle, *model.rest_angle], [0.0, 0.0, 1.0])
 
 
 def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.model import Model
 from pliant.numerics.curve import tangents
 
 Array = np.ndarray
@@ -31,6 +32,16 @@ class CoordinateKind(NamedTuple):
     names: tuple[str, str, str, str]  # variables: coordinate, rate, disturbance, external force
     units: tuple[str, str, str]  # of coordinate, rate and force
     lever: Array  # (k,) generalised force [N m] of one unit of this force
+
+
+def strain_kind(model: Model) -> tuple[CoordinateKind, ...]:
+    """Return a tuple with the group of the strain coordinates, which are the last ones; () if no segment lengthens."""
+    kind = CoordinateKind(
+        "segment", "strain", [e.name for e in model.extensions], slice(model.size - len(model.extensions), model.size),
+        ("axial_strain", "axial_strain_rate", "axial_disturbance", "external_axial_force"), ("1", "1/s", "N"),
+        model.segment_length,
+    )
+    return (kind,) if model.extensions else ()
 
 
 class LinkFrames(NamedTuple):

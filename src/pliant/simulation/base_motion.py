@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.mechanics import Mechanics
+from pliant.mechanics import Mechanics, mechanics_of
 from pliant.mechanics.reaction import point_carried
 from pliant.model import Model
 from pliant.preprocessing.rotations import continuous, to_matrix
@@ -247,7 +247,8 @@ def check_base(model: Model, base: BaseMotion) -> None:
     """Raise InputError unless `base` is a motion of the base in the plane or the space in which the model moves."""
     if not isinstance(base, BaseMotion):
         raise InputError(f"base must be a BaseMotion, with times and poses of the base, got {base!r:.60}")
-    needed, where = (3, "space") if model.space else (2, "a plane")
+    needed = mechanics_of(model).dimension
     if base.dimension != needed:
+        where = "space" if needed == 3 else "a plane"
         raise InputError(f"model {model.name!r} moves in {where}, but the motion of its base has {base.dimension} "
                          f"coordinates: give {needed}")

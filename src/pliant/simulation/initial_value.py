@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations.symbols import Past
 from pliant.errors import SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.lengths import check_lengths
@@ -163,7 +162,7 @@ def march(
     check_lengths(chain, x=start[0], v=start[1], torque=plan.gain)
     if states is None and model.memory:
         states = state.relaxed(model, chain.joint_coordinates(start[0]))
-    past = () if states is None else (Past(model.memory.law(), states.copy(), chain.held()),)
+    past = () if states is None else chain.past(states.copy())
     out = march_loops.rows_for(rows, model.size, (model.n, 0) if states is None else states.shape, 2 + len(past))
     out.phi[0], out.w[0] = start
     if states is not None:

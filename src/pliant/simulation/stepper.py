@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import tuples, twin
-from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
@@ -108,8 +107,7 @@ class Stepper:
         )
         self._command = np.zeros(model.actuation.count)
         self._body, self._joints, self._work = mechanics_of(model).parts()
-        self._law, self._held = model.memory.law(), mechanics_of(model).held()
-        records: Any = type(self._body), type(self._joints), type(self._work), type(self._law)
+        records: Any = type(self._body), type(self._joints), type(self._work), type(model.memory.law())
         self._advance = twin(march_loops.of_records(march_loops.hold, *records), *mechanics_of(model).sizes)
         self.reset(pressure)
         self.step(pressure)  # compiled here
@@ -142,7 +140,7 @@ class Stepper:
         self.memory = state.relaxed(self.model, q)
         self._drives.pressure[:] = self.model.actuation.pressures(pressure)
         self._drives.state[:] = self.model.actuation.rest_state(pressure)
-        past = (Past(self._law, self.memory, self._held),) if model.memory else ()
+        past = mechanics_of(model).past(self.memory)
         self._parts = tuples((self._drives, self._body, self._joints, self._work, *past))
         self._load = mechanics_of(self.model).no_loads()[:0]
         self.time = 0.0
