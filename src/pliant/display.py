@@ -64,17 +64,17 @@ def as_html(card: Card) -> str:
 
     The fragment needs no style sheet.
     """
-    made = [f"<p><strong>{escape(card.title)}</strong></p>", card.drawing]
+    parts = [f"<p><strong>{escape(card.title)}</strong></p>", card.drawing]
     if card.rows:
         head = "".join(f'<th scope="col">{escape(h)}</th>' for h in card.head)
-        made.append(f"<table><thead><tr>{head}</tr></thead><tbody>")
+        parts.append(f"<table><thead><tr>{head}</tr></thead><tbody>")
         for first, *rest in shortened(card):
             cells = "".join(f"<td>{escape(cell)}</td>" for cell in rest)
-            made.append(f'<tr><th scope="row">{escape(first)}</th>{cells}</tr>')
-        made.append("</tbody></table>")
+            parts.append(f'<tr><th scope="row">{escape(first)}</th>{cells}</tr>')
+        parts.append("</tbody></table>")
     if card.lines:
-        made.append(f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in card.lines)}</ul>")
-    return f"<div>{''.join(made)}</div>"
+        parts.append(f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in card.lines)}</ul>")
+    return f"<div>{''.join(parts)}</div>"
 
 
 def shortened(card: Card) -> list[Sequence[str]]:

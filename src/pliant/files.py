@@ -116,8 +116,8 @@ def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
             if time.time() - old.stat().st_mtime > ABANDONED:
                 shutil.rmtree(old)
     try:
-        with tempfile.TemporaryDirectory(prefix=DRAFTS, dir=folder, ignore_cleanup_errors=True) as made:
-            draft = Path(made)
+        with tempfile.TemporaryDirectory(prefix=DRAFTS, dir=folder, ignore_cleanup_errors=True) as temporary:
+            draft = Path(temporary)
             yield draft
             for name in names:
                 on_disk(draft / name)
@@ -196,8 +196,8 @@ def hdf5_bytes(head: bytes) -> int:
     """
     if not head.startswith(b"\x89HDF\r\n\x1a\n"):
         return -1
-    at = {0: 40, 1: 44}.get(head[8], 28)
-    return int.from_bytes(head[at : at + 8], "little")
+    offset = {0: 40, 1: 44}.get(head[8], 28)
+    return int.from_bytes(head[offset : offset + 8], "little")
 
 
 def write_new(path: str | Path, text: str, mode: int = 0o666) -> Path:

@@ -69,14 +69,14 @@ def moment_arms(model: Model, angle: Array, link: Array, along: Array, *, rigid:
     ahead = directions[:, 1:]  # (T, n, d)
     ends = np.cumsum(l[..., None] * ahead, axis=1)
     joint = np.concatenate([np.zeros_like(ends[:, :1]), ends], axis=1)[:, :n]
-    own = ahead[:, link]
-    arm = (joint[:, link] + (part * along)[..., None] * own)[:, :, None] - joint[:, None]  # (T, P, n, d)
+    frame_arms = ahead[:, link]
+    arm = (joint[:, link] + (part * along)[..., None] * frame_arms)[:, :, None] - joint[:, None]  # (T, P, n, d)
     arm = np.where((np.arange(n) <= link[:, None])[..., None], arm, 0.0)
     if not rigid:
         for k, u in ((link, along), (link + 1, along - model.link_length[link])):
-            here = np.flatnonzero(k < n)
-            lever = part[:, here] * mean_moment_arm(model, k[here], u[here])
-            arm[:, here, k[here]] = lever[..., None] * own[:, here]
+            inside = np.flatnonzero(k < n)
+            lever = part[:, inside] * mean_moment_arm(model, k[inside], u[inside])
+            arm[:, inside, k[inside]] = lever[..., None] * frame_arms[:, inside]
     turning = chain.turning_moments(angle, arm, frames[:, 1 + link])  # (T, P, d, turns)
     stretching = np.einsum("tpsa,tpak->tpks", growth(model, directions, link, along), frames[:, 1 + link])
     return np.concatenate([turning, stretching], axis=-1)
@@ -262,21 +262,21 @@ def described(model: Model, angle: Array, trial: TrialForce, without: float) -> 
     arc = model.base_length + np.concatenate([[0.0], np.cumsum(model.link_length)])[trial.link] + trial.along
     turn = mechanics_of(model).link_frames(np.asarray(angle))[j + 1]  # columns: across the link, and along it
     point, tangent = curve_at(model, angle, float(arc[best]))
-    own, force = np.linalg.inv(trial.information[best]), trial.force[best]
-    sd = np.sqrt(np.diag(own))
+    covariance, force = np.linalg.inv(trial.information[best]), trial.force[best]
+    sd = np.sqrt(np.diag(covariance))
     allowed = 1.0 / np.sqrt(np.diag(trial.weight[best]))
     names = ["normal"] * (len(force) - 1) + ["tangential"]
     normal, normal_sd, left = float(force[0]), float(sd[0]), np.array([-tangent[1], tangent[0]])
     if model.space:
         normal = float(np.linalg.norm(force[:2]))
         towards = force[:2] / max(normal, 1e-300)
-        normal_sd = float(np.sqrt(towards @ own[:2, :2] @ towards))
+        normal_sd = float(np.sqrt(towards @ covariance[:2, :2] @ towards))
         across = turn[:, :2] @ force[:2]
         across -= (across @ tangent) * tangent
         left = across / max(float(np.linalg.norm(across)), 1e-300)
     return Push(
         float(arc[best]), (float(arc[likely].min()), float(arc[likely].max())), model.length, j,
-        point, left, turn @ force, turn @ own @ turn.T,
+        point, left, turn @ force, turn @ covariance @ turn.T,
         normal, float(force[-1]), normal_sd, float(sd[-1]), float(trial.misfit[best]), without,
         tuple(dict.fromkeys(name for name, hides in zip(names, sd > HIDDEN * allowed, strict=True) if hides)),
     )

@@ -88,11 +88,11 @@ def probing_contacts_of(contact: xr.Dataset, *, half_width: float = 0.0, most: f
 def steady(contact: xr.Dataset) -> Array:
     """Return for each frame (T,) whether position and force of the contact were steady for the last 0.13 s."""
     period = float(np.median(np.diff(contact["time"].values)))
-    place, force = contact["contact_arc_length"].values, contact["normal_force"].values
-    same = np.ones(len(place), dtype=bool)
+    arc, force = contact["contact_arc_length"].values, contact["normal_force"].values
+    same = np.ones(len(arc), dtype=bool)
     for back in range(1, frames_of(STEADY, period) + 1):
-        before = [np.concatenate([np.full(back, np.nan), a[:-back]]) for a in (place, force)]
-        same &= np.abs(place - before[0]) <= SAME_PLACE
+        before = [np.concatenate([np.full(back, np.nan), a[:-back]]) for a in (arc, force)]
+        same &= np.abs(arc - before[0]) <= SAME_PLACE
         same &= np.abs(force - before[1]) <= SAME_FORCE * np.abs(force)
     return same
 

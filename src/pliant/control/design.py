@@ -120,11 +120,11 @@ def with_integrals(
 
 def loop_margins(gains: Gains, period: float) -> tuple[Margins, ...]:
     """Return the stability margins of each chamber's control loop with the other loops closed."""
-    found = []
+    each = []
     for c in range(gains.B.shape[1]):
         others = np.delete(gains.B, c, axis=1) @ np.delete(gains.K, c, axis=0)
-        found.append(margins(loop_curve(Sampled(gains.A - others, gains.B[:, [c]], (0,)), gains.K[c], period)))
-    return tuple(found)
+        each.append(margins(loop_curve(Sampled(gains.A - others, gains.B[:, [c]], (0,)), gains.K[c], period)))
+    return tuple(each)
 
 
 @dataclass(frozen=True)
@@ -201,12 +201,12 @@ class LqrDesign:
         """Steady values (N, C) of the N regulator states: column c is for a constant pressure of 1 kPa in chamber c of
         C and none in the others. Only valve states and commands in transit are filled in; the other states are 0.
         """
-        made, first = np.zeros((self.gains[0].A.shape[0], len(self.orders))), 2 * self.model.size
-        for sizes, held in ((self.orders, 1), (self.waiting, None)):  # the valve's pressure is 1, its rate is 0
+        steady, first = np.zeros((self.gains[0].A.shape[0], len(self.orders))), 2 * self.model.size
+        for sizes, count in ((self.orders, 1), (self.waiting, None)):  # the valve's pressure is 1, its rate is 0
             for c, size in enumerate(sizes):
-                made[first : first + size, c][:held] = 1.0
+                steady[first : first + size, c][:count] = 1.0
                 first += size
-        return made
+        return steady
 
     def periods(self, first: int, count: int) -> Array:
         """Return the indices (count,) of `count` periods from `first` on. Beyond the end of the reference the last one
@@ -299,13 +299,13 @@ def design_outputs(
     if path and len(rows) > 1:
         beside[:-1, model.size : 2 * model.size] = np.gradient(angle, period, axis=0)[:-1]  # the last row holds on
     lead, ahead = np.zeros_like(pressure), np.zeros((len(rows) + 1, gains[0].A.shape[0]))
-    made = LqrDesign(
+    design = LqrDesign(
         model, outputs, still, period, latency, tuple(gains), index[np.searchsorted(knots, rows)], wanted, pressure,
         angle, beside, lead, ahead, path, tuning, round(latency / period),
     )
     if path:
-        look_ahead(made)
-    return made
+        look_ahead(design)
+    return design
 
 
 def check_reference(wanted: Array, outputs: int) -> None:
@@ -396,7 +396,7 @@ def look_ahead(design: LqrDesign) -> None:
     s_k = (A - B K)' (P d_k + s_(k+1)), with d_k = `shift`.
     """
     for k in range(len(design.at) - 1, -1, -1):
-        made = design.gains[design.at[k]]
-        later = made.P @ design.shift(k) + design.ahead[k + 1]
-        design.lead[k] = -made.preview @ later
-        design.ahead[k] = (made.A - made.B @ made.K).T @ later
+        gains = design.gains[design.at[k]]
+        later = gains.P @ design.shift(k) + design.ahead[k + 1]
+        design.lead[k] = -gains.preview @ later
+        design.ahead[k] = (gains.A - gains.B @ gains.K).T @ later

@@ -124,8 +124,8 @@ class Lqr:
             self._began = time
         k = self.period = min(max(round((time - self._began) / design.period) - design.late, 0), len(design.at) - 1)
         read = design.model.actuation.pressures(pressure).tolist()
-        for valve, part, sent, seen in zip(self._valves, self._parts, self.command.tolist(), read, strict=True):
-            part[:] = valve.update(sent, seen)[: valve.order]
+        for valve, part, sent, reading in zip(self._valves, self._parts, self.command.tolist(), read, strict=True):
+            part[:] = valve.update(sent, reading)[: valve.order]
         row = (design.pressure[k], design.lead[k], design.angle[k], design.beside[k], design.wanted[k], design.still)
         known = (
             state.angle, state.rate, state.rest_shift, state.strain, state.strain_rate, state.strain_shift,

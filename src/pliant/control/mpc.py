@@ -99,10 +99,10 @@ class QuadraticProgram:
         self._solver.update(Px=H[self._upper] / mean, q=g / mean, l=self._low, u=self._high)
         self._solver.warm_start(x=start)
         for _ in range(2):
-            made = self._solver.solve(raise_error=False)
-            self.status = str(made.info.status)
-            if made.info.status_val == self._solved and np.isfinite(made.x).all():
-                return np.array(made.x)
+            solution = self._solver.solve(raise_error=False)
+            self.status = str(solution.info.status)
+            if solution.info.status_val == self._solved and np.isfinite(solution.x).all():
+                return np.array(solution.x)
             self._solver.update_settings(rho=1.0)
             self._solver.warm_start(x=start, y=np.zeros(len(self._low)))
         return None
@@ -174,8 +174,8 @@ class Mpc(Lqr):
         start = (last / self._unit).ravel()
         before = np.zeros(len(self._steep))
         before[: self.chambers] = (self.command / self._unit)[: len(before)]
-        found = self.program.solve(H, g - H @ start, before - self._steep, before + self._steep, start)
-        if found is None:
+        solution = self.program.solve(H, g - H @ start, before - self._steep, before + self._steep, start)
+        if solution is None:
             self.failed += 1
             self.fault = (
                 f"the quadratic program of the predictive control was not solved ({self.program.status}): the last "
@@ -184,7 +184,7 @@ class Mpc(Lqr):
             self._wishes[:] = last[0]
             return
         self.solved, self.fault, self.age = self.solved + 1, "", 0
-        self.plan = self._within(self._unit * found.reshape(last.shape))
+        self.plan = self._within(self._unit * solution.reshape(last.shape))
         self._wishes[:] = self.plan[0]
 
     def _within(self, plan: Array) -> Array:
@@ -293,8 +293,8 @@ def speeds(rows: Array, period: float) -> Array:
     """Return the rates of change per second (K, ...) of a path, from its values `rows` (K, ...) in K periods of
     `period` [s].
     """
-    found = np.gradient(rows[:-1], period, axis=0)
-    return np.concatenate([found, found[-1:]])
+    rates = np.gradient(rows[:-1], period, axis=0)
+    return np.concatenate([rates, rates[-1:]])
 
 
 CONTROLLER = ControllerKind("mpc", lambda plan: Mpc(plan.design, plan.limits, plan.task.mpc), follows="path")

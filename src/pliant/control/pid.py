@@ -80,8 +80,8 @@ class Feedforward:
             self._q = q
             more = np.array([kernels.memory_angle(i, q[i], self._states, self._law) for i in range(self.model.n)])
             gain = self.model.joint_gain
-            held = springs_of(self.model).torque(q) + K * more
-            mean = float(gain @ held / (gain @ gain))  # one pressure for all joints: least squares
+            torque = springs_of(self.model).torque(q) + K * more
+            mean = float(gain @ torque / (gain @ gain))  # one pressure for all joints: least squares
             wanted = float(np.interp(mean, *self._inverse))
         command = min(max(wanted, 0.0), self.highest)
         self.saturated += command != wanted

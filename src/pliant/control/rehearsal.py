@@ -74,14 +74,14 @@ def settling_times(time: Array, tip: Array, points: Sequence[tuple[float, float]
 
     Each set-point lasts up to the next one.
     """
-    found, before = [], 0.0
+    times, before = [], 0.0
     ends = [*(t for t, _ in points[1:]), np.inf]
     for (begin, wanted), end in zip(points, ends[: len(points)], strict=True):
         during = (time >= begin) & (time < end)
         if wanted != before and during.sum() > 1:
-            found.append(settling_time(time[during], tip[during], wanted, wanted - before))
+            times.append(settling_time(time[during], tip[during], wanted, wanted - before))
         before = wanted
-    return found
+    return times
 
 
 def command_activity(time: Array, wanted: Array, command: Array) -> dict[str, float]:
@@ -324,10 +324,10 @@ def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: 
         with catch_warnings():
             simplefilter("ignore", EnergyWarning)  # an unstable loop moves too fast for the time step
             run.go(round(task.duration / setting.period))
-            held = run.wait(band, longest)
+            resting = run.wait(band, longest)
             final = float(np.max(run.error[-round(QUIET / setting.period) :]))
             settling = () if task.path else settling_of(np.array(run.error), setting.period, task.time, levels)
-            if held is not None:
+            if resting is not None:
                 run.displace()
                 first = len(run.error)
                 recovery = run.wait(band, longest)
@@ -356,12 +356,12 @@ def settling_of(error: Array, period: float, begins: Array, levels: Array) -> tu
     `begins` (k,) [s] and `levels` (k, m) [m] are the times and targets of the task.
     """
     time, steps = np.arange(error.size) * period, np.linalg.norm(np.diff(levels, axis=0, prepend=0.0), axis=1)
-    found = []
+    settling = []
     for begin, end, step in zip(begins, [*begins[1:], np.inf], steps, strict=True):
         during = (time >= begin) & (time < end)
         if step > 0.0 and during.sum() > 1:
-            found.append(settling_time(time[during], error[during], 0.0, max(step, LEAST_BAND / BAND)))
-    return tuple(found)
+            settling.append(settling_time(time[during], error[during], 0.0, max(step, LEAST_BAND / BAND)))
+    return tuple(settling)
 
 
 def limit_aware(
@@ -389,13 +389,13 @@ def limit_aware(
     """
     for factor in RAISES if tunable else RAISES[:1]:
         tuned = replace(task, tuning=replace(task.tuning, effort=factor * task.tuning.effort))
-        found = rehearse(make(tuned), setting, tuned, limits, weight)
-        if found.settles:
-            return tuned, replace(found, wanted_effort=task.tuning.effort)
+        trial = rehearse(make(tuned), setting, tuned, limits, weight)
+        if trial.settles:
+            return tuned, replace(trial, wanted_effort=task.tuning.effort)
     within = range_of(limits, setting.body.actuation.units[0])
-    tried = f"any effort weight from {task.tuning.effort:g} to {found.effort:g}" if tunable else "its present tuning"
+    tried = f"any effort weight from {task.tuning.effort:g} to {trial.effort:g}" if tunable else "its present tuning"
     raise InputError(
         f"the loop does not settle in a simulation of its own model, with commands of {within} and {tried}: it ends "
-        f"{found.final_error * 1e3:.3g} mm from its target ({found.band * 1e3:.3g} mm allowed); allow faster changes "
+        f"{trial.final_error * 1e3:.3g} mm from its target ({trial.band * 1e3:.3g} mm allowed); allow faster changes "
         "of the command, command smaller steps, or fit a model with more damping"
     )

@@ -125,14 +125,14 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
     """
     weight = output_weights(model, outputs)
     begins = [start, 0.5 * highest, *(0.5 * np.diag(highest)), *(highest - 0.5 * np.diag(highest))]
-    found = []
+    rests = []
     for begin in begins:
         rest = nearest(model, outputs, wanted, highest, begin)
         far = float(np.linalg.norm(weight * (rest.value - wanted)))
         if far <= REACHED:
             return rest
-        found.append((far, rest))
-    far, rest = min(found, key=lambda pair: pair[0])
+        rests.append((far, rest))
+    far, rest = min(rests, key=lambda pair: pair[0])
     still = output_values(model, mechanics_of(model).coordinates(state.equilibrium(model, 0.0)), outputs)
     said = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, wanted - still, strict=True))
     best = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, rest.value - still, strict=True))

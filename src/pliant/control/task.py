@@ -223,8 +223,8 @@ class TaskFile(Entry):
         limits = [name for name in SCALES if f"highest_{name}" in self.model_fields_set]
         slews = [name for name in SCALES if f"slew_{name}_per_s" in self.model_fields_set]
         if len({*limits, *slews}) > 1 or (slews and slews[0] != self._scale):
-            given = ", ".join([*(f"highest_{n}" for n in limits), *(f"slew_{n}_per_s" for n in slews)])
-            raise ValueError(f"limits all inputs in one unit, in highest_... and slew_..._per_s alike, got {given}")
+            entries = ", ".join([*(f"highest_{n}" for n in limits), *(f"slew_{n}_per_s" for n in slews)])
+            raise ValueError(f"limits all inputs in one unit, in highest_... and slew_..._per_s alike, got {entries}")
         if self.valve and self.valves:
             raise ValueError("may have [valve] for all chambers or [valves.NAME] for each, not both")
         if len({wanted(p) for p in self.setpoint}) > 1:

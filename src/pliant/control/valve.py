@@ -180,18 +180,18 @@ def identify_valve(runs: Sequence[ValveRun]) -> ValveFit:
     starts = ([f, f, 0.8, 0.01] for f in (3.0, 10.0))
     fits = [least_squares(residual, x, bounds=(LOW, HIGH), x_scale=[1.0, 1.0, 0.1, 1e-3], diff_step=1e-4)
             for x in starts]  # fmt: skip
-    found = min(fits, key=lambda made: float(made.cost))
-    at_bound = np.isclose(found.x, HIGH) | (np.isclose(found.x, LOW) & (np.arange(4) < 3))
-    if not found.success or at_bound.any():
-        numbers = ", ".join(f"{name} {value:.3g}" for name, value in zip(NAMES, found.x, strict=True))
+    best = min(fits, key=lambda made: float(made.cost))
+    at_bound = np.isclose(best.x, HIGH) | (np.isclose(best.x, LOW) & (np.arange(4) < 3))
+    if not best.success or at_bound.any():
+        numbers = ", ".join(f"{name} {value:.3g}" for name, value in zip(NAMES, best.x, strict=True))
         raise FitError(
             f"the readings do not fit a second-order valve ({numbers}): check that command and gauge use one clock"
         )
-    count = found.fun.size
-    errors = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2 * found.cost / max(count - 4, 1))
-    squares = sum(float(np.sum((_misfit(run, found.x) * run.level.max()) ** 2)) for run in whole)
+    count = best.fun.size
+    errors = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)) * 2 * best.cost / max(count - 4, 1))
+    squares = sum(float(np.sum((_misfit(run, best.x) * run.level.max()) ** 2)) for run in whole)
     standard_error = dict(zip(NAMES, map(float, errors), strict=True))
-    return ValveFit(SupplyValve(*map(float, found.x)), float(np.sqrt(squares / count)), standard_error)
+    return ValveFit(SupplyValve(*map(float, best.x)), float(np.sqrt(squares / count)), standard_error)
 
 
 def valve_response(valve: SupplyValve, edge_time: Array, level: Array, time: Array) -> Array:
@@ -200,30 +200,30 @@ def valve_response(valve: SupplyValve, edge_time: Array, level: Array, time: Arr
     From each of `edge_time` [s] on, the command is the corresponding `level` [Pa].
     """
     ends = np.append(edge_time[1:], max(float(time[-1]), float(edge_time[-1]) + FINE))
-    held, clock, pressure = np.zeros(2), [np.array([edge_time[0]])], [np.zeros(1)]
+    valve_state, clock, pressure = np.zeros(2), [np.array([edge_time[0]])], [np.zeros(1)]
     for first, last, command in zip(edge_time, ends, level, strict=True):
         count = max(1, math.ceil((last - first) / FINE))
-        pressure.append(valve.march(np.full(count, float(command)), (last - first) / count, held))
+        pressure.append(valve.march(np.full(count, float(command)), (last - first) / count, valve_state))
         clock.append(np.linspace(first, last, count + 1)[1:])
     return np.interp(time - valve.dead_time, np.concatenate(clock), np.concatenate(pressure))
 
 
 def _checked(run: ValveRun) -> ValveRun:
-    made = ValveRun(*(np.asarray(part, dtype=float) for part in (run.edge_time, run.level, run.time, run.pressure)))
-    sizes = made.edge_time.size, made.level.size, made.time.size, made.pressure.size
+    checked = ValveRun(*(np.asarray(part, dtype=float) for part in (run.edge_time, run.level, run.time, run.pressure)))
+    sizes = checked.edge_time.size, checked.level.size, checked.time.size, checked.pressure.size
     if not (sizes[0] == sizes[1] > 0 and sizes[2] == sizes[3] > 0):
         raise InputError(
             "a run for a valve needs as many edges (s) as levels (Pa), and as many readings as times; got "
             f"{sizes[0]} edges, {sizes[1]} levels, {sizes[2]} times, {sizes[3]} readings"
         )
     for name in ("edge_time", "level", "time", "pressure"):
-        if not np.isfinite(getattr(made, name)).all():
+        if not np.isfinite(getattr(checked, name)).all():
             raise InputError(f"{name} of a run for a valve must be finite: remove or correct the other values")
-    if not made.level.max() > 0:
+    if not checked.level.max() > 0:
         raise InputError("at least one level of a run for a valve must be > 0 Pa, but none is: command a pressure step")
-    if np.any(np.diff(made.edge_time) <= 0):
+    if np.any(np.diff(checked.edge_time) <= 0):
         raise InputError("edge_time of a run for a valve must increase: sort the steps of the command by time")
-    return made
+    return checked
 
 
 def _misfit(run: ValveRun, numbers: Array) -> Array:
@@ -289,16 +289,16 @@ class ValveObserver:
         """
         self._queue.append(command)
         self._readings.append(reading)
-        asked, seen = self._queue.pop(0), self._readings.pop(0)
+        asked, reading_then = self._queue.pop(0), self._readings.pop(0)
         if not self.order:
             self.value[0] = asked
             return self.value
         if self._supply is not None:
-            self._follow(float(asked), float(seen), self._numbers, self.value, *self._workspace)
+            self._follow(float(asked), float(reading_then), self._numbers, self.value, *self._workspace)
             return self.value
         self.value = self._A @ self.value + self._B * asked
-        if math.isfinite(seen):
-            self.value = self.value + self._gain * (seen - self.value[0])
+        if math.isfinite(reading_then):
+            self.value = self.value + self._gain * (reading_then - self.value[0])
         return self.value
 
 
@@ -319,9 +319,9 @@ def valve_under(valve: Valve, supply: SupplyValve | None, command: Array, period
     out = np.zeros((command.size, len(names)))
     if supply is not None:
         time, pressure = behind_supply(supply, command, period)
-        at = np.arange(command.size) * period - supply.dead_time - latency
-        out[:, 0] = np.interp(at, time, pressure)
-        out[:, 1] = np.interp(at, time, np.gradient(pressure, time[1]))
+        times = np.arange(command.size) * period - supply.dead_time - latency
+        out[:, 0] = np.interp(times, time, pressure)
+        out[:, 1] = np.interp(times, time, np.gradient(pressure, time[1]))
     elif names:
         whole, part = divmod(valve.dead_time + latency, period)
         early, late = hold(A, B, part), hold(A, B, period - part)

@@ -98,11 +98,11 @@ def add_noise(P, n, h, gain, noise, J, G):
 
     `G` (2n,) is workspace.
     """
-    own, common, random_walk, motion_growth, recent = noise
+    each, common, random_walk, motion_growth, recent = noise
     m = 2 * n
     for i in range(n):
         for a in range(m):
-            f = own[i] / h * J[m + i, a]
+            f = each[i] / h * J[m + i, a]
             for b in range(m):
                 P[a, b] += f * J[m + i, b]
     for c in range(len(common)):

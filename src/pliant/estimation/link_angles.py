@@ -256,11 +256,11 @@ def with_rest_rotations(model: Model, bend: Array, tips: Array) -> Model:
     R, turns = chain.posed(bend).R, space.rest_of(model.n)
     whole = R[0]
     for k, direction in enumerate(np.diff(tips, axis=0, prepend=chain.nodes(bend)[None, 1])):
-        own = R[k].T @ R[k + 1]  # the rest turn, and the joint's turn behind it
-        before, after = own[:, 2], whole.T @ (direction / np.linalg.norm(direction))
+        turn = R[k].T @ R[k + 1]  # the rest turn, and the joint's turn behind it
+        before, after = turn[:, 2], whole.T @ (direction / np.linalg.norm(direction))
         axis = np.cross(before, after)
         size = float(np.linalg.norm(axis))
         more = rotation(axis * (np.arctan2(size, before @ after) / size if size else 0.0))
         turns[k] = Rotation.from_matrix(more @ rotation(turns[k])).as_rotvec()
-        whole = whole @ more @ own
+        whole = whole @ more @ turn
     return model.with_(space=replace(space, rest_turn=turns))

@@ -66,10 +66,10 @@ def variables(model: Model, pressure: ArrayLike) -> list[Variable]:
         *mechanics_of(model).joint_names,
         *(f"{kind}_energy" for kind in ("kinetic", "elastic", "gravitational")),
     ]
-    held = [name for name in parameters(model) if name not in INSIDE]
-    chambers = list(identifiers(chambers, ["time", *scalars, *held]))
-    behind = list(identifiers([f"{name}_behind_valve" for name in chambers], ["time", *chambers, *scalars, *held]))
-    taken = ["time", *chambers, *behind, *scalars, *held]
+    visible = [name for name in parameters(model) if name not in INSIDE]
+    chambers = list(identifiers(chambers, ["time", *scalars, *visible]))
+    behind = list(identifiers([f"{name}_behind_valve" for name in chambers], ["time", *chambers, *scalars, *visible]))
+    taken = ["time", *chambers, *behind, *scalars, *visible]
     stations = identifiers([point.name for point in model.points], taken)
     rows = [Variable("time", "independent", "s")]
     inputs = list(zip(chambers, behind, model.actuation.units, strict=True))
@@ -80,7 +80,7 @@ def variables(model: Model, pressure: ArrayLike) -> list[Variable]:
     rows += [Variable(name, "output", coordinate_unit(name)) for name in scalars[: model.size]]
     rows += [Variable(name, "output", unit) for _, name, unit in inputs]
     rows += [Variable(name, "output", "J") for name in scalars[model.size :]]
-    for field in held:
+    for field in visible:
         value = parameters(model)[field]
         for index in np.ndindex(*value.shape):
             name = field + (f"[{','.join(str(i + 1) for i in index)}]" if index else "")
@@ -153,15 +153,15 @@ def root_of(provenance: Provenance, this: Identity) -> ET.Element:
         variableNamingConvention="structured",
     )
     root.set("guid" if this.version == "2.0" else "instantiationToken", this.token)
-    own = ET.SubElement(root, "CoSimulation", modelIdentifier=this.name, canHandleVariableCommunicationStepSize="true",
+    node = ET.SubElement(root, "CoSimulation", modelIdentifier=this.name, canHandleVariableCommunicationStepSize="true",
                         canBeInstantiatedOnlyOncePerProcess="false")  # fmt: skip
     if this.version == "2.0":
         names = ("canNotUseMemoryManagementFunctions", "canGetAndSetFMUstate", "canSerializeFMUstate")
-        own.attrib.update(dict.fromkeys(names, "true"))
-        ET.SubElement(ET.SubElement(own, "SourceFiles"), "File", name="all.c")
+        node.attrib.update(dict.fromkeys(names, "true"))
+        ET.SubElement(ET.SubElement(node, "SourceFiles"), "File", name="all.c")
     else:
-        own.attrib.update(dict.fromkeys(("canGetAndSetFMUState", "canSerializeFMUState"), "true"))
-        own.set("fixedInternalStepSize", repr(this.time_step))
+        node.attrib.update(dict.fromkeys(("canGetAndSetFMUState", "canSerializeFMUState"), "true"))
+        node.set("fixedInternalStepSize", repr(this.time_step))
     return root
 
 
@@ -170,7 +170,7 @@ def description(model: Model, provenance: Provenance, this: Identity) -> bytes:
     root, rows = root_of(provenance, this), variables(model, this.pressure)
     unit_definitions(root, rows)
     ET.SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize=repr(this.time_step))
-    held = ET.SubElement(root, "ModelVariables")
+    variable_list = ET.SubElement(root, "ModelVariables")
     for ref, v in enumerate(rows):
         words = {"name": v.name, "valueReference": str(ref), "causality": v.causality}
         words["variability"] = "tunable" if v.causality == "parameter" else "continuous"
@@ -178,9 +178,9 @@ def description(model: Model, provenance: Provenance, this: Identity) -> bytes:
         if v.start is not None:
             kind["start"] = repr(v.start)
         if this.version == "2.0":
-            ET.SubElement(ET.SubElement(held, "ScalarVariable", words), "Real", kind)
+            ET.SubElement(ET.SubElement(variable_list, "ScalarVariable", words), "Real", kind)
         else:
-            ET.SubElement(held, "Float64", words | kind)
+            ET.SubElement(variable_list, "Float64", words | kind)
     structure(root, [ref for ref, v in enumerate(rows) if v.causality == "output"], this.version)
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -188,29 +188,29 @@ def description(model: Model, provenance: Provenance, this: Identity) -> bytes:
 
 def structure(root: ET.Element, outputs: list[int], version: str) -> None:
     """Add the element ModelStructure to the FMU's model description: its outputs and initial unknowns."""
-    own = ET.SubElement(root, "ModelStructure")
+    section = ET.SubElement(root, "ModelStructure")
     if version == "2.0":
         for group in ("Outputs", "InitialUnknowns"):
-            parent = ET.SubElement(own, group)
+            parent = ET.SubElement(section, group)
             for ref in outputs:
                 ET.SubElement(parent, "Unknown", index=str(ref + 1))
         return
     for kind in ("Output", "InitialUnknown"):
         for ref in outputs:
-            ET.SubElement(own, kind, valueReference=str(ref))
+            ET.SubElement(section, kind, valueReference=str(ref))
 
 
 def build_description(name: str) -> bytes:
     """Return the content of the FMU's file sources/buildDescription.xml (FMI 3)."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    own = ET.SubElement(root, "BuildConfiguration", modelIdentifier=name)
-    ET.SubElement(ET.SubElement(own, "SourceFileSet", language="C99"), "SourceFile", name="all.c")
+    section = ET.SubElement(root, "BuildConfiguration", modelIdentifier=name)
+    ET.SubElement(ET.SubElement(section, "SourceFileSet", language="C99"), "SourceFile", name="all.c")
     return ET.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
 def sources(model: Model, provenance: Provenance, this: Identity) -> str:
     """Return all C code of the FMU as the text of one source file."""
-    made = c99.code(
+    text = c99.code(
         model, provenance, time_step=this.time_step, precision="double", pressure=this.pressure, prefix=this.name
     )
     rows = variables(model, this.pressure)
@@ -219,13 +219,13 @@ def sources(model: Model, provenance: Provenance, this: Identity) -> str:
     number, folder = this.version[0], files("pliant.exporters") / "templates"
     shared, wrapper = ((folder / f).read_text(encoding="utf-8") for f in ("fmu.c", f"fmi{number}.c"))
     words = {
-        "P": made.prefix, "INPUTS": count["input"], "OUTPUTS": count["output"], "PARAMETERS": count["parameter"],
+        "P": text.prefix, "INPUTS": count["input"], "OUTPUTS": count["output"], "PARAMETERS": count["parameter"],
         "STATIONS": len(model.points), "POSE": len(pose_of(model)), "COORDINATES": model.size,
         "STEP": repr(this.time_step), "GUID": this.token, "START": start,
         "FMI": f"FMI{number}", "NAME": this.name,
         "FUNCTIONS": "\n".join(f"#define {name} FULL_NAME({name})" for name in functions_of(wrapper, number)),
     }
-    return made.header + made.source.replace(f'#include "{made.prefix}.h"\n', "") + c99.filled(shared + wrapper, words)
+    return text.header + text.source.replace(f'#include "{text.prefix}.h"\n', "") + c99.filled(shared + wrapper, words)
 
 
 def functions_of(wrapper: str, number: str) -> list[str]:

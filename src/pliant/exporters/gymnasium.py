@@ -52,8 +52,8 @@ class FibreView:
         s, lengths = self.sensor, np.asarray(model.link_length, dtype=float)
         self.white = s.noise * np.sqrt(s.spacing * lengths)  # (n,) rad
         starts = model.base_length + np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
-        at = (starts[:, None] + lengths[:, None] * (np.arange(POINTS) + 0.5) / POINTS).ravel()
-        alike = s.bias**2 * np.exp(-0.5 * ((at[:, None] - at) / s.bias_length) ** 2)
+        midpoints = (starts[:, None] + lengths[:, None] * (np.arange(POINTS) + 0.5) / POINTS).ravel()
+        alike = s.bias**2 * np.exp(-0.5 * ((midpoints[:, None] - midpoints) / s.bias_length) ** 2)
         sums = np.kron(np.eye(model.n), np.ones(POINTS)) * np.repeat(lengths / POINTS, POINTS)
         values, vectors = np.linalg.eigh(sums @ alike @ sums.T)
         self.root = vectors * np.sqrt(np.maximum(values, 0.0))  # (n, n) rad
@@ -73,8 +73,8 @@ class FibreView:
         turn = np.diff(angle, axis=1, prepend=self.model.base_angle)
         kick = np.sqrt(1.0 - self.keep**2) * rng.standard_normal(turn.shape) @ self.root.T
         self.bias = self.keep * self.bias + kick
-        seen = self.gain * turn + self.bias + self.white * rng.standard_normal(turn.shape)
-        return np.asarray(self.model.base_angle + np.cumsum(seen, axis=1))
+        readings = self.gain * turn + self.bias + self.white * rng.standard_normal(turn.shape)
+        return np.asarray(self.model.base_angle + np.cumsum(readings, axis=1))
 
 
 try:
@@ -206,11 +206,11 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         length, commands by the highest pressure.
         """
         m, fibre = self.model, self._fibre
-        seen = fibre.see(angle, self.np_random) if fibre else angle
-        q = np.diff(seen, axis=1, prepend=m.base_angle) - m.rest_angle
-        turn = seen - self._before if fibre else self._chains.rate * self.task.period
-        self._before = seen
-        tip, rates = self.tips(seen, own=not fibre), np.diff(turn, axis=1, prepend=0.0)
+        angles = fibre.see(angle, self.np_random) if fibre else angle
+        q = np.diff(angles, axis=1, prepend=m.base_angle) - m.rest_angle
+        turn = angles - self._before if fibre else self._chains.rate * self.task.period
+        self._before = angles
+        tip, rates = self.tips(angles, own=not fibre), np.diff(turn, axis=1, prepend=0.0)
         rows = (q, rates, tip / m.length, self._target / m.length, self._command / self.highest)
         return np.concatenate(rows, axis=1).astype(np.float32)
 
@@ -277,15 +277,15 @@ class TipEnv(gymnasium.Env[Array, Array]):
         model drawn from it.
         """
         super().reset(seed=seed)
-        seen, info = self._one.reset(seed=seed, options=options)
-        return seen[0], alone(info)
+        observation, info = self._one.reset(seed=seed, options=options)
+        return observation[0], alone(info)
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Hold the pressures of the action (C,) in C chambers for one period. Return observation, reward, the flags
         `terminated` and `truncated`, and the info dict.
         """
-        seen, reward, lost, late, info = self._one.step(np.asarray(action)[None])
-        return seen[0], float(reward[0]), bool(lost[0]), bool(late[0]), alone(info)
+        observation, reward, lost, late, info = self._one.step(np.asarray(action)[None])
+        return observation[0], float(reward[0]), bool(lost[0]), bool(late[0]), alone(info)
 
 
 def alone(info: dict[str, Any]) -> dict[str, Any]:

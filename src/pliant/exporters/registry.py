@@ -58,7 +58,7 @@ def stated_levels(target: str, option: str, text: str, model: Model) -> Array:
 def range_note(model: Model, highest: Array) -> str:
     """Return the note of an export that states the default range of its controls, up to `highest` (C,) [SI]."""
     names, units = model.actuation.names, model.actuation.units
-    words = [in_words(*one) for one in zip(highest, units, strict=True)]
+    words = [in_words(*limit) for limit in zip(highest, units, strict=True)]
     several = len(set(units)) > 1
     upper = ", ".join(f"{word} ({name})" for word, name in zip(words, names, strict=True)) if several else words[0]
     listed = ", ".join(units) if several else units[0]

@@ -134,11 +134,11 @@ def lengthening(model: Model, chain: RigidChain) -> RigidChain:
         parts = [("middle", 0.5, rod * 2.0 / 3.0), ("end", 0.5, rod / 6.0 + cap)]
         if model.mass_at == "tip":
             parts = [("end", 1.0, rod + cap)]
-        slides, place = [], 0.0
+        slides, distance = [], 0.0
         for name, part, mass in parts if share[i + 1].any() else ():
-            place += part * link.length
+            distance += part * link.length
             step = part * link.length
-            slides.append(Slide(f"link_{i + 1}_{name}", place, step, step * share[i + 1], max(mass, LIGHT)))
+            slides.append(Slide(f"link_{i + 1}_{name}", distance, step, step * share[i + 1], max(mass, LIGHT)))
         moved = link
         if slides:
             at_joint = rod / 6.0 if model.mass_at == "rod" else FIRST * rod if i == 0 else LIGHT
@@ -157,11 +157,11 @@ def carrier_of(model: Model, chain: RigidChain, point: Station) -> tuple[str, Ar
     A point at the joint of a link that lengthens, in its middle or at its end moves with a body that is there; any
     other gets a slide of its own, which the body at the joint carries.
     """
-    body, place = f"link_{point.link + 1}" if point.link >= 0 else "base", point_of(model, point)
+    body, position = f"link_{point.link + 1}" if point.link >= 0 else "base", point_of(model, point)
     slides = chain.base_slides if point.link < 0 else chain.links[point.link].slides
-    aside = place - point.along * chain.tangent
+    aside = position - point.along * chain.tangent
     if not slides or abs(point.along) <= ON * slides[-1].place:
-        return body, place, None
+        return body, position, None
     for slide in slides:
         if abs(point.along - slide.place) <= ON * slide.place:
             return slide.name, aside, None
@@ -231,13 +231,13 @@ def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
     """
     from scipy.spatial.transform import Rotation
 
-    turn, place = Rotation.from_rotvec(chain.base_turn), np.zeros(3)
+    turn, position = Rotation.from_rotvec(chain.base_turn), np.zeros(3)
     for link in chain.links:
-        place = place + turn.apply(link.place)
+        position = position + turn.apply(link.place)
         turn = turn * Rotation.from_rotvec(link.turn)
         for hinge in link.hinges:
             turn = turn * Rotation.from_rotvec(x[hinge.row] * hinge.axis)
-    return np.asarray(place + turn.apply(link.length * chain.tangent))
+    return np.asarray(position + turn.apply(link.length * chain.tangent))
 
 
 def hinge_difference(model: Model) -> float:
@@ -290,11 +290,11 @@ def by_hinges(chain: RigidChain, x: Array) -> float:
     """Return the potential energy [J] of the weight of a chain of hinges at the joint coordinates x (N,)."""
     from scipy.spatial.transform import Rotation
 
-    turn, place, energy = Rotation.from_rotvec(chain.base_turn), np.zeros(3), 0.0
+    turn, position, energy = Rotation.from_rotvec(chain.base_turn), np.zeros(3), 0.0
     for link in chain.links:
-        place = place + turn.apply(link.place)
+        position = position + turn.apply(link.place)
         turn = turn * Rotation.from_rotvec(link.turn)
         for hinge in link.hinges:
             turn = turn * Rotation.from_rotvec(x[hinge.row] * hinge.axis)
-        energy -= link.mass * float(chain.gravity @ (place + turn.apply(link.centre * chain.tangent)))
+        energy -= link.mass * float(chain.gravity @ (position + turn.apply(link.centre * chain.tangent)))
     return energy

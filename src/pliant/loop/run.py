@@ -283,9 +283,9 @@ class ControlLoop:
         if self.watchdog.fault:
             return self._vent
         controller = self.pipeline.controller
-        given = controller.step((now - self._began) * 1e-9, self._state, self.pressure)
+        commands = controller.step((now - self._began) * 1e-9, self._state, self.pressure)
         self.watchdog.stalled(began, self.clock.now(), "the controller")
-        wish = np.array(given, dtype=float, ndmin=1)  # another package's controller may give a number
+        wish = np.array(commands, dtype=float, ndmin=1)  # another package's controller may give a number
         if np.size(wish) != controller.chambers:
             raise InputError(f"the controller returned {np.size(wish)} command(s) for {controller.chambers} "
                              "chamber(s): its step must return one command for each")
@@ -327,16 +327,16 @@ class ControlLoop:
         if came > chambers:
             self.chambers_left_out = max(self.chambers_left_out, came - chambers)
             self.pressures_left_out += came - chambers
-        kept = self.pressure = taken[:chambers]
+        pressures = self.pressure = taken[:chambers]
         self.watchdog.pressure(now, self.pressure)  # check each sample: a good one may follow in the same period
-        if np.isfinite(kept).all():
+        if np.isfinite(pressures).all():
             self.pressures.mark_complete(now)
             self.pipeline.estimator.push_pressure(arrived.time, self.pressure)
 
     def _write(self, log: LoopLog, now: int, deadline: int) -> None:
         links = sum(name.startswith("phi_") for name in log.columns)
-        found = np.concatenate(unexplained(self._state, links))
-        each = found[: 3 * links if any(name.startswith("torque_") for name in log.columns) else links]
+        estimated = np.concatenate(unexplained(self._state, links))
+        each = estimated[: 3 * links if any(name.startswith("torque_") for name in log.columns) else links]
         if self.watchdog.fault and not self._fault_told:
             self._fault_told = True
             log.remark(f"fault at {self.watchdog.fault_time * 1e-9:.3f} s: {self.watchdog.fault}")

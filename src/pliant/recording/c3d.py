@@ -74,7 +74,7 @@ def read_header(data: bytes, name: str) -> C3dHeader:
         raise InputError(f"{name} is in the number format of MIPS processors, which ezc3d does not read: export it "
                          "again in Intel (PC) format")  # fmt: skip
     points, analog, first, last, _, _, _, block, samples = struct.unpack("<9H", data[2:20])
-    scale, rate = (one_float(data[at : at + 4], processor) for at in (12, 20))
+    scale, rate = (one_float(data[offset : offset + 4], processor) for offset in (12, 20))
     samples = samples if analog else 1
     if points < 1 or block < 2:
         raise InputError(f"the header of {name} states {points} points from block {block} on: the file holds no points "

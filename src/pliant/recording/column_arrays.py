@@ -223,15 +223,15 @@ class ColumnHeader:
         match.
         """
         if isinstance(column, str):
-            held = self.where.get(column, [])
-            if not held:
+            matches = self.where.get(column, [])
+            if not matches:
                 available = shorten(self.names, 40) or "none, since its first row holds numbers: use indices from 0"
                 raise InputError(f"{self.file} has no column {clipped(column)!r}: correct the mapping; available: "
                                  f"{available}")
-            if len(held) > 1:
-                raise InputError(f"{self.file} has {len(held)} columns named {clipped(column)!r}: give the index of "
+            if len(matches) > 1:
+                raise InputError(f"{self.file} has {len(matches)} columns named {clipped(column)!r}: give the index of "
                                  "one in the mapping")
-            return held[0]
+            return matches[0]
         if not 0 <= column < self.width:
             raise InputError(f"{self.file} has no column {column}, since its columns are 0 to {self.width - 1}: "
                              "correct the mapping")
@@ -292,13 +292,13 @@ def input_arrays(table: NDArray, header: ColumnHeader, options: ColumnMapping) -
     values, names, kinds = [], [], []
     for group in options.inputs:
         indices = [header.index(c) for c in group.columns]
-        given = group.names or [header.names[i] if header.names else f"column_{i}" for i in indices]
-        if len(given) != len(indices):
-            raise InputError(f"the mapping for {header.file} gives {len(given)} names to {len(indices)} columns of "
+        labels = group.names or [header.names[i] if header.names else f"column_{i}" for i in indices]
+        if len(labels) != len(indices):
+            raise InputError(f"the mapping for {header.file} gives {len(labels)} names to {len(indices)} columns of "
                              "inputs: give one name to each column")  # fmt: skip
         stored = from_counts(table[:, indices], group.scale, group.zero, header.file)
         values.append(stored * INPUT_SI[group.kind](group.unit))
-        names += given
+        names += labels
         kinds += [group.kind] * len(indices)
     return {"actuation": np.concatenate(values, axis=1), "input_names": names, "input_kind": kinds}
 

@@ -64,16 +64,16 @@ def standard_names(names: list[str], file: str) -> Renamed:
     InputError
         When the position columns state different units of length, or only some of them state one.
     """
-    positions = {name: found for name in names if (found := _position(name))}
+    positions = {name: coordinate for name in names if (coordinate := _position(name))}
     if any(BEFORE.fullmatch(name) for name in names):  # where x_tip is a position, acc_x is not
-        positions = {name: found for name, found in positions.items() if BEFORE.fullmatch(name)}
+        positions = {name: coordinate for name, coordinate in positions.items() if BEFORE.fullmatch(name)}
     positions = _one_body(names, positions) or positions
     units = {unit for _, unit in positions.values()}
     if len(units) > 1:
         stated = ", ".join(sorted(unit or "no unit" for unit in units))
         raise InputError(f"{file} states several units of length in its column names ({stated}): convert the "
                          "columns to one unit")
-    standard = {name: found[0] for name, found in positions.items()}
+    standard = {name: coordinate[0] for name, coordinate in positions.items()}
     standard |= _orientations(names, {new.partition("_")[2] for new in standard.values()})
     standard |= {name: other for name in names if name not in standard and (other := _clock(name) or _pressure(name))}
     standard |= _channels([name for name in names if name not in standard], [*standard.values()])
@@ -165,10 +165,10 @@ def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
     pressures are skipped.
     """
     inside = [name for name in names if not NOT_INSIDE.fullmatch(name)]
-    found = {name: parts for name in inside if (parts := _without_unit(name, PASCAL))[1]}
-    if len(found) == 1 and not any(name.startswith("p_") for name in known):
-        return {name: f"p_{unit}" for name, (_, unit) in found.items()}
-    return {name: f"p_{unit}_{bare}" for name, (bare, unit) in found.items()}
+    channels = {name: parts for name in inside if (parts := _without_unit(name, PASCAL))[1]}
+    if len(channels) == 1 and not any(name.startswith("p_") for name in known):
+        return {name: f"p_{unit}" for name, (_, unit) in channels.items()}
+    return {name: f"p_{unit}_{bare}" for name, (bare, unit) in channels.items()}
 
 
 def unitless_pressures(names: Iterable[str]) -> list[str]:

@@ -24,17 +24,17 @@ class RecordedInput(NamedTuple):
 
 def recorded_inputs(recording: xr.Dataset) -> list[RecordedInput]:
     """Return all measured actuation inputs of a recording, pressures first, each with its own sample times."""
-    found = []
+    inputs = []
     if "pressure" in recording:
         values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
         names = [str(c) for c in recording["chamber"].values] if "chamber" in recording["pressure"].dims else [""]
         clock = recording["pressure_time"].values
-        found += [RecordedInput(n, "pressure", "Pa", clock, v) for n, v in zip(names, values.T, strict=True)]
+        inputs += [RecordedInput(n, "pressure", "Pa", clock, v) for n, v in zip(names, values.T, strict=True)]
     if "actuation" in recording:
         clock, kinds = recording["input_time"].values, [str(k) for k in recording["kind"].values]
         for name, kind, values in zip(recording["input"].values, kinds, recording["actuation"].values.T, strict=True):
-            found.append(RecordedInput(str(name), kind, INPUT_UNITS[kind], clock, values))
-    return found
+            inputs.append(RecordedInput(str(name), kind, INPUT_UNITS[kind], clock, values))
+    return inputs
 
 
 def inputs_on_one_clock(recording: xr.Dataset) -> list[RecordedInput]:
@@ -42,8 +42,8 @@ def inputs_on_one_clock(recording: xr.Dataset) -> list[RecordedInput]:
     else the pressures.
     """
     inputs = recorded_inputs(recording)
-    shared = all(np.array_equal(one.time, inputs[0].time) for one in inputs)
-    return inputs if shared else [one for one in inputs if one.kind == "pressure"]
+    shared = all(np.array_equal(entry.time, inputs[0].time) for entry in inputs)
+    return inputs if shared else [entry for entry in inputs if entry.kind == "pressure"]
 
 
 def input_arguments(recording: xr.Dataset) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def inputs_at(recording: xr.Dataset, time: NDArray) -> NDArray:
 
     C is 0 for a recording without inputs.
     """
-    rows = [np.interp(time, one.time, one.values) for one in recorded_inputs(recording)]
+    rows = [np.interp(time, entry.time, entry.values) for entry in recorded_inputs(recording)]
     return np.stack(rows, -1) if rows else np.zeros((len(time), 0))
 
 
@@ -95,9 +95,9 @@ def with_base_motion(
     InputError
         When the shapes or the frame do not match.
     """
-    given: dict[str, Any] = {"base_position": position, "base_angle": angle, "base_quaternion": quaternion}
+    poses: dict[str, Any] = {"base_position": position, "base_angle": angle, "base_quaternion": quaternion}
     added = recording.copy()
-    for name, values in given.items():
+    for name, values in poses.items():
         if values is not None:
             (dims,), units, long_name = VARIABLES[name]
             about = {"units": units, "long_name": long_name}
@@ -116,5 +116,5 @@ def base_moves(recording: xr.Dataset) -> bool:
 
 def keep_base(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
     """Return the recording `after`, of the same frames as `before`, with the base motion of `before`, if it has one."""
-    kept = {name: before[name] for name in POSES if name in before}
-    return after.assign(kept).assign_attrs({CUTOFF: before.attrs[CUTOFF]} if CUTOFF in before.attrs else {})
+    poses = {name: before[name] for name in POSES if name in before}
+    return after.assign(poses).assign_attrs({CUTOFF: before.attrs[CUTOFF]} if CUTOFF in before.attrs else {})

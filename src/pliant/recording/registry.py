@@ -122,9 +122,9 @@ def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str,
         names = [str(n) for n in recording[dimension].values] if divided else []
         if name in names:
             return variable, {dimension: names.index(name)}
-    held = ", ".join(v for v in CHANNELS if v in recording)
+    channels = ", ".join(v for v in CHANNELS if v in recording)
     raise InputError(f"the mapping for {file}: {KEY} names {name!r}, but the recording has no such channel: correct "
-                     f"the name; its variables are {held}")
+                     f"the name; its variables are {channels}")
 
 
 def factor(variable: str, line: LinearScale, name: str, file: str) -> float:
@@ -306,8 +306,8 @@ def looks_like(head: bytes, but: str = "") -> str:
     The hint, ``this looks like a file of ...: set format = ...``, ends the message about a file that could not be read.
     """
     words = head.lower()
-    found = next((name for name, marks in MARKS.items() if name != but and all(m in words for m in marks)), None)
-    return f'; this looks like a file of {found}: set format = "{found}" in its mapping' if found else ""
+    kind = next((name for name, marks in MARKS.items() if name != but and all(m in words for m in marks)), None)
+    return f'; this looks like a file of {kind}: set format = "{kind}" in its mapping' if kind else ""
 
 
 def describes_columns(mapping: Mapping[str, Any]) -> bool:
@@ -322,7 +322,7 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
     if path.is_dir():
         name = "bag"
     if name is None and mapping is not None:
-        name = next((one for one, keys in KEYS.items() if keys & set(mapping)), None)
+        name = next((candidate for candidate, keys in KEYS.items() if keys & set(mapping)), None)
     if name is None and mapping is not None and describes_columns(mapping):
         name = "columns"
     if name is not None:
@@ -331,7 +331,7 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
             raise InputError(f"unknown format {name!r}: use one of {', '.join(known)}")
         return known[name]
     suffix = path.suffix.lower()
-    ours = {own: target for own, (target, endings) in BUILT_IN.items() if suffix in endings}
+    ours = {reader: target for reader, (target, endings) in BUILT_IN.items() if suffix in endings}
     fitting = [r for r in offered(GROUP, ours, Reader).values() if suffix in r.suffixes and r.recognises(head)]
     ready = [r for r in fitting if not r.needs_mapping] or fitting
     if not ready:

@@ -133,10 +133,10 @@ def stored_energy(model: Model, x: Array, v: Array, states: Array) -> Array:
     """
     chain = mechanics_of(model)
     kinetic, elastic, weight = chain.energy(x, v)
-    q, K, held = chain.joint_coordinates(x), chain.joints.K, [0.0]
+    q, K, hysteresis = chain.joint_coordinates(x), chain.joints.K, [0.0]
     if model.memory:
-        held = [K[i] * memory_stored(i, q[i], states, law) for i, law in enumerate(laws_of(model))]
-    return np.array([kinetic, elastic, weight, sum(held)], dtype=float)
+        hysteresis = [K[i] * memory_stored(i, q[i], states, law) for i, law in enumerate(laws_of(model))]
+    return np.array([kinetic, elastic, weight, sum(hysteresis)], dtype=float)
 
 
 class EnergyWatch:

@@ -78,12 +78,12 @@ class BaseMotion:
             raise InputError("a base motion needs positions (time, 2), or (time, 3) in space, with one row for each "
                              f"time, got shapes {position.shape} and {time.shape}")
         flat = position.shape[1] == 2
-        given, other = (self.angle, self.quaternion) if flat else (self.quaternion, self.angle)
+        stated, other = (self.angle, self.quaternion) if flat else (self.quaternion, self.angle)
         if other is not None:
             raise InputError("a base motion in the plane has an angle, and one in space a quaternion: give this one")
         rest: Any = 0.0 if flat else [0.0, 0.0, 0.0, 1.0]
         shape = (time.size,) if flat else (time.size, 4)
-        turn = np.broadcast_to(rest, shape).copy() if given is None else np.array(given, dtype=float)
+        turn = np.broadcast_to(rest, shape).copy() if stated is None else np.array(stated, dtype=float)
         if turn.shape != shape:
             raise InputError(f"the {'angle' if flat else 'quaternion'} of a base motion must have the shape {shape}, "
                              f"got {turn.shape}")

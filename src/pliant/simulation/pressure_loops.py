@@ -201,8 +201,8 @@ def slow_torques(h, lengths, first, p, chamber, state, torque, grown):
     for k in range(len(h)):
         total = 0.0 * h[k]
         for j in range(first[k], first[k + 1]):
-            made = advance(lengths[j], Interval(p[j, 0], p[j, 1], p[j, 2], p[j, 3]), chamber, state)
-            total = total + lengths[j] * made
+            chamber_torque = advance(lengths[j], Interval(p[j, 0], p[j, 1], p[j, 2], p[j, 3]), chamber, state)
+            total = total + lengths[j] * chamber_torque
             grown[j + 1] = state[1]
         torque[k] = total / h[k]
 

@@ -63,8 +63,8 @@ def base_variables(problem: InitialValueProblem, marched: Marched, plan: Drive) 
         pushed = np.array([chain.load_forces(*pair) for pair in zip(x, loads, strict=True)])
         torque[:, : chain.size] += pushed @ chain.from_joints
     force, moment = chain.reaction(x, v, accelerations(chain, x, v, torque, twist), twist)
-    for pull, given in zip(pulls, problem.forces, strict=True):
-        point = mechanics_of(problem.model.with_(stations=(station_of(problem.model, given),))).stations(x)[0][:, 0]
+    for pull, load in zip(pulls, problem.forces, strict=True):
+        point = mechanics_of(problem.model.with_(stations=(station_of(problem.model, load),))).stations(x)[0][:, 0]
         turned = np.cross(in_space(point), in_space(pull))[:, -moment.shape[1] :]
         force, moment = force - pull, moment - turned
     turn: dict[str, Entry] = {"base_angle": (("time",), pose.angle)} if chain.dimension == 2 else {

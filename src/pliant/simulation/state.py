@@ -36,8 +36,8 @@ def relaxed(model: Model, q: Array) -> Array:
     memory, rows = model.memory, mechanics_of(model).remembering
     first = model.size - len(model.extensions)  # of the strains
     states = np.zeros((rows, max(len(memory.labels), len(memory.axial.labels)) + (not memory.boucwen_share)))
-    for law, own in ((memory, slice(0, min(first, rows))), (memory.axial, slice(first, rows))):
-        states[own, : len(law.creep_share)] = q[own, None]
+    for law, part in ((memory, slice(0, min(first, rows))), (memory.axial, slice(first, rows))):
+        states[part, : len(law.creep_share)] = q[part, None]
     return states
 
 
@@ -206,7 +206,7 @@ def holding_inputs(model: Model, q: Array) -> Array:
     weight = SLIGHT * float(np.abs(effect).max()) * np.eye(len(cords))
     rows = np.concatenate([effect, weight]), np.append(-slack, weight @ rest)
     net = lsq_linear(*rows, bounds=(lowest, np.inf), tol=1e-14).x
-    values = [commanded(force, still[own]) for force, own in zip(net, cords, strict=True)]
+    values = [commanded(force, still[cord]) for force, cord in zip(net, cords, strict=True)]
     torque = np.asarray(values @ actuation.columns)
     if np.abs(chain.static_forces(x, torque)).max() > HELD * np.abs(slack).max():
         raise InputError(
@@ -275,15 +275,15 @@ def typical_pressure(model: Model, which: int = 0) -> float:
                 return 0.0
             low, high, target = 0.0, low, 0.9 * bend
             break
-    held = bend is not None
+    stable = bend is not None
     for _ in range(30):
         middle = 0.5 * (low + high)
         bend = bent(model, middle, rest, which)
         if bend is None or bend >= target:
-            high, held = middle, bend is not None
+            high, stable = middle, bend is not None
         else:
             low = middle
-    return float(f"{low if held else 0.8 * low:.2g}")
+    return float(f"{low if stable else 0.8 * low:.2g}")
 
 
 def first_alone(model: Model, pressure: float, which: int = 0) -> np.ndarray:

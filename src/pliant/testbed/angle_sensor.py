@@ -62,7 +62,7 @@ def observe_angle(
     rise = (1.0 - keep) * sensor.lag / FINE
     for k in range(1, time.size):
         late[k] = keep * late[k - 1] + (rise - keep) * true[k - 1] + (1.0 - rise) * true[k]
-    shown = (1.0 + sensor.gain_error * specimen.standard_normal()) * np.interp(at, time, late)
-    shown += sensor.zero * specimen.standard_normal() + sensor.noise * rng.standard_normal(at.size)
-    shown += sensor.drift * np.cumsum(rng.standard_normal(at.size) * np.sqrt(np.diff(at, prepend=at[0])))
-    return np.asarray(np.round(shown / sensor.step) * sensor.step if sensor.step > 0 else shown)
+    readings = (1.0 + sensor.gain_error * specimen.standard_normal()) * np.interp(at, time, late)
+    readings += sensor.zero * specimen.standard_normal() + sensor.noise * rng.standard_normal(at.size)
+    readings += sensor.drift * np.cumsum(rng.standard_normal(at.size) * np.sqrt(np.diff(at, prepend=at[0])))
+    return np.asarray(np.round(readings / sensor.step) * sensor.step if sensor.step > 0 else readings)

@@ -146,8 +146,8 @@ class Member:
             return case
         size, share = self.body.length / RodParameters().length, self.pressure / NOMINAL
         force = self.body.bending_stiffness / RodParameters().bending_stiffness / size**2
-        given = case.command
-        command = tuple(c.scaled(share) for c in given) if isinstance(given, tuple) else given.scaled(share)
+        levels = case.command
+        command = tuple(c.scaled(share) for c in levels) if isinstance(levels, tuple) else levels.scaled(share)
         return replace(
             case, command=command, obstacles=tuple(scaled(o, size) for o in case.obstacles),
             pushes=tuple((t, x * force, y * force) for t, x, y in case.pushes),

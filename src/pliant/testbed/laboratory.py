@@ -151,8 +151,8 @@ def run_rod(
     for c, (command, valve) in enumerate(both):
         loads[:, c] = supply_pressure(command, time, valve)[fine::fine]
     if case.pushes:
-        at, *force = np.array(case.pushes).T
-        loads[:, -3:-1] = np.stack([np.interp(time[fine::fine], at, f) for f in force], axis=1)
+        push_arcs, *force = np.array(case.pushes).T
+        loads[:, -3:-1] = np.stack([np.interp(time[fine::fine], push_arcs, f) for f in force], axis=1)
     rows = obstacle_rows(case.obstacles)
     return simulate(
         replace(rod, gravity=case.gravity), loads, case.time_step, stride=stride, obstacles=rows, progress=progress
@@ -237,9 +237,9 @@ def record(
         "chamber": [c.name for c in rod.chambers] if pressure.ndim == 2 else None,
     }  # fmt: skip
     if lab.output == "angle":  # one log: both are sampled together
-        shown = observe_angle(motion, rod, lab.angle, at, specimen, rng)
+        reading = observe_angle(motion, rod, lab.angle, at, specimen, rng)
         common |= {"pressure": np.apply_along_axis(lambda p: np.interp(at, clock, p), 0, pressure), "pressure_time": at}
-        return make_recording(at, angle=shown[:, None], station=["tip"], frame="planar", attrs=dict(attrs), **common)
+        return make_recording(at, angle=reading[:, None], station=["tip"], frame="planar", attrs=dict(attrs), **common)
     if lab.output == "markers":
         position = observe_markers(motion, rod, lab.mocap, at, rng)
         return make_recording(at, position, station=marker_names(lab.mocap), attrs=dict(attrs), **common)
@@ -251,9 +251,9 @@ def record(
     if lab.output == "strain":
         strain = fibre_sensor.core_strain(kappa, sensor, rng)
         strain[lost] = np.nan
-        place = np.arange(strain.shape[2]) * sensor.spacing
+        gauges = np.arange(strain.shape[2]) * sensor.spacing
         known |= {"core_radius": [0.0] + [sensor.core_radius] * 3, "core_angle": list(fibre_sensor.CORE_ANGLE)}
-        return make_recording(stamps, strain=strain, gauge_position=place, attrs=known, **common)
+        return make_recording(stamps, strain=strain, gauge_position=gauges, attrs=known, **common)
     position = fibre_sensor.place(fibre_sensor.integrate_shape(kappa, sensor.spacing), sensor, specimen)
     position[lost] = np.nan
     names = [f"{k:03d}" for k in range(position.shape[1])]
@@ -287,8 +287,8 @@ def generate_file(
         raise InputError(f"recordings of the test bed are netCDF: give a name ending in .nc, not {path.name!r}")
     if truth is not None and Path(truth).resolve() == path.resolve():
         raise InputError(f"recording and true motion need two different files, both are {path}")
-    adapted, who, own = resolved(case, body, lab)
-    key = content_key(adapted, who.body, seed, own)
+    adapted, who, settings = resolved(case, body, lab)
+    key = content_key(adapted, who.body, seed, settings)
     if is_current(path, key) and (truth is None or is_current(Path(truth), key, read_truth)):
         return False
     experiment = generate(case, body, seed, lab=lab, progress=progress)

@@ -99,8 +99,8 @@ class Command:
             return np.asarray(np.append(0.0, level)[np.searchsorted(times, time, side="right")])
         inside = (time >= self.start) & (time < self.stop)
         wave = self._sweep(time - self.start) if self.wave == "chirp" else self._lines(time - self.start)
-        held = np.where(time >= 0.2, self.mean, 0.0)
-        return np.asarray(held + np.where(inside, self.amplitude * wave, 0.0))
+        levels = np.where(time >= 0.2, self.mean, 0.0)
+        return np.asarray(levels + np.where(inside, self.amplitude * wave, 0.0))
 
     def scaled(self, share: float) -> Command:
         """Return a copy of the command with every pressure multiplied by the factor `share`."""

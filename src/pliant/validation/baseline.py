@@ -61,13 +61,13 @@ def explained(residuals: Sequence[Residual], table: InputTable) -> dict[str, flo
     rows = [thinned(r, len(residuals)) for r in residuals]
     missed = np.concatenate([r.missed[k].reshape(k.size, -1) for r, k in zip(residuals, rows, strict=True)])
     group = np.concatenate([BLOCKS * i + np.arange(k.size) * BLOCKS // k.size for i, k in enumerate(rows)])
-    seen = np.isfinite(missed).all(axis=1)
-    if seen.sum() < FEWEST_ROWS or not missed[seen].any():
+    finite = np.isfinite(missed).all(axis=1)
+    if finite.sum() < FEWEST_ROWS or not missed[finite].any():
         return {}
 
     def fraction(parts: Sequence[Array]) -> float:
         regressors = np.concatenate([part[k] for part, k in zip(parts, rows, strict=True)])
-        return explained_fraction(regressors[seen], missed[seen], group[seen])
+        return explained_fraction(regressors[finite], missed[finite], group[finite])
 
     values = [table.values(r.experiment) for r in residuals]
     basis = basis_of(np.concatenate([v[k] for v, k in zip(values, rows, strict=True)]), 2)
@@ -174,7 +174,7 @@ def with_baseline(
     unit, factor = plain.unit
     done = {r.name: (known or {}).get(r.name) or mapped(plain, r.experiment, fit.result.model.length)
             for r in fit.records}
-    good = {name: one for name, one in done.items() if isinstance(one, Mapped)}
+    good = {name: item for name, item in done.items() if isinstance(item, Mapped)}
     records = tuple(replace(r, baseline=good[r.name].predicted) if r.name in good else r for r in fit.records)
     metrics = {r.name: {"role": r.role, **good[r.name].metrics} for r in records if r.name in good}
     better = [r for r in records if r.role == "held_out" and r.name in good and is_better(metrics[r.name], r.metrics)]
@@ -182,8 +182,9 @@ def with_baseline(
     baseline = Baseline(
         plain.title, plain.degree, plain.time_constants, plain.ridge, plain.held, plain.inputs, plain.coefficients.size,
         plain.frames, unit, factor * plain.left_out_error if np.isfinite(plain.left_out_error) else None,
-        factor * plain.training_error, (*plain.notes, *(one for one in done.values() if isinstance(one, str))), metrics,
-        {name: one.outside for name, one in good.items()}, tuple(r.name for r in better), fractions,
+        factor * plain.training_error,
+        (*plain.notes, *(item for item in done.values() if isinstance(item, str))), metrics,
+        {name: item.outside for name, item in good.items()}, tuple(r.name for r in better), fractions,
         suggestion(fractions) if better else "",
     )
     return replace(fit, records=records, baseline=baseline)
@@ -207,16 +208,16 @@ def plain_map_sentence(fit: FitOutcome) -> str:
     records = [r for r in fit.records if fit.baseline and r.name in fit.baseline.records]
     if fit.baseline is None or not records:
         return ""
-    held = [r for r in records if r.role == "held_out"]
-    shown = held or records
+    held_out = [r for r in records if r.role == "held_out"]
+    judged = held_out or records
     (low, high, unit), (least, most, _) = (error_range(errors) for errors in (
-        [fit.baseline.records[r.name] for r in shown], [r.metrics for r in shown]))
-    which = f"the {'held-out' if held else 'training'} record{'s' * (len(shown) > 1)}"
-    beyond = max(fit.baseline.outside[r.name] for r in shown)
+        [fit.baseline.records[r.name] for r in judged], [r.metrics for r in judged]))
+    which = f"the {'held-out' if held_out else 'training'} record{'s' * (len(judged) > 1)}"
+    beyond = max(fit.baseline.outside[r.name] for r in judged)
     how = "holds its value at their edge" if fit.baseline.held else "extrapolates there"
     left = (f" Up to {beyond:.0f} % of the frames are outside the range of its training inputs; it {how}."
             if beyond > 1 else "")
-    return (f"A plain map ({fit.baseline.title}) {'predicts' if held else 'follows'} {which} with an RMS error of "
+    return (f"A plain map ({fit.baseline.title}) {'predicts' if held_out else 'follows'} {which} with an RMS error of "
             f"{span(low, high)} {unit}, the model with {span(least, most)} {unit}.{left}")
 
 
@@ -227,13 +228,13 @@ def better_sentence(fit: FitOutcome) -> str:
     baseline = fit.baseline
     if baseline is None or not baseline.better:
         return ""
-    held = [r for r in fit.records if r.role == "held_out"]
-    worst = sorted((r for r in held if r.name in baseline.better),
+    held_out = [r for r in fit.records if r.role == "held_out"]
+    worst = sorted((r for r in held_out if r.name in baseline.better),
                    key=lambda r: sized(baseline.records[r.name], "rmse")[0] / sized(r.metrics, "rmse")[0])
     listed = [f"{r.name} {sized(baseline.records[r.name], 'rmse')[0]:.2g} against {sized(r.metrics, 'rmse')[0]:.2g} "
               f"{baseline.unit}" for r in worst[:MOST_NAMED]]
     more = f" and {len(worst) - MOST_NAMED} more" if len(worst) > MOST_NAMED else ""
-    count = (f"{len(worst)} of {len(held)} held-out records" if len(held) > 1 else "the held-out record")
+    count = (f"{len(worst)} of {len(held_out)} held-out records" if len(held_out) > 1 else "the held-out record")
     return (f"A plain map without mechanics ({baseline.title}) predicts {count} better than the model: "
             f"{', '.join(listed)}{more}.")
 

@@ -52,13 +52,13 @@ class InputTable(NamedTuple):
                                  "pressure drives: name it in drive")
             sources = {name or next(iter(self.names), ""): source for name, source in sources.items()}
         moving = [sources.get(name, Pulse(0.0)) for name in self.names]
-        present = [np.asarray(one(exp.time), dtype=float) for one in moving]
+        present = [np.asarray(moving_input(exp.time), dtype=float) for moving_input in moving]
         loads = [np.full(exp.time.size, float(exp.known.get(name, LOADS[name]))) for name in self.loads]
         columns = np.array([*present, *loads]).reshape(self.size, exp.time.size).T
         if exp.poses or not moving:
             return np.hstack([columns, *[columns[:, : len(moving)]] * len(time_constants)])
         nodes, rows = instants(exp.time, moving)
-        pieces = np.stack([commanded(one, nodes, 0.0) for one in moving], axis=2)
+        pieces = np.stack([commanded(moving_input, nodes, 0.0) for moving_input in moving], axis=2)
         return np.hstack([columns, *(lagged(nodes, pieces[:, 0], pieces[:, 2], tau)[rows] for tau in time_constants)])
 
 
@@ -82,7 +82,7 @@ def instants(time: Array, sources: Sequence[Input]) -> tuple[Array, Array]:
     """Return the times (N,) [s] of all frames and of the inputs' kinks until the last frame, and the indices (T,) of
     the T frames among them.
     """
-    kinks = np.unique(np.concatenate([one.breakpoints for one in sources]))
+    kinks = np.unique(np.concatenate([source.breakpoints for source in sources]))
     nodes = merge(np.concatenate([kinks[kinks < time[0] - SAME_TIME], time]), kinks, SAME_TIME)
     return nodes, np.searchsorted(nodes, time)
 
@@ -95,15 +95,15 @@ def table_of(train: Sequence[Experiment]) -> tuple[InputTable, tuple[str, ...]]:
     names = [name for name in names if name or len(names) == 1]
     kinds = {to: kind for exp in train for to, kind in exp.input_kinds.items()}
     kind = [kinds.get(name, "tension" if name.startswith("force ") else "pressure") for name in names]
-    seen = np.concatenate([InputTable(tuple(names)).values(exp) for exp in train])
-    span = np.ptp(seen, axis=0)
+    inputs = np.concatenate([InputTable(tuple(names)).values(exp) for exp in train])
+    span = np.ptp(inputs, axis=0)
     most = {k: max(s for s, other in zip(span, kind, strict=True) if other == k) for k in kind}
     moves = [k for k in range(len(names)) if span[k] > IDLE * most[kind[k]]]
     loads = tuple(name for name in LOADS if len({exp.known.get(name, LOADS[name]) for exp in train}) > 1)
     still = [names[k] for k in range(len(names)) if k not in moves and names[k]]
     notes = [still_sentence(still)] if still and moves else []
     units = {names[k]: INPUT_UNITS.get(kind[k], "Pa") for k in moves}
-    return InputTable(tuple(units), loads), (*notes, *together(units, seen[:, moves]))
+    return InputTable(tuple(units), loads), (*notes, *together(units, inputs[:, moves]))
 
 
 def still_sentence(names: Sequence[str]) -> str:
@@ -120,16 +120,16 @@ def together(units: Mapping[str, str], seen: Array) -> list[str]:
     """
     names = list(units)
     notes: list[str] = []
-    kept: list[int] = []
+    independent: list[int] = []
     spread = np.std(seen, axis=0)
     for k, name in enumerate(names):
-        before = seen[:, np.array(kept, dtype=int)]
-        regressors = np.column_stack([np.ones(len(seen)), (before - before.mean(axis=0)) / spread[kept]])
+        before = seen[:, np.array(independent, dtype=int)]
+        regressors = np.column_stack([np.ones(len(seen)), (before - before.mean(axis=0)) / spread[independent]])
         slopes, *_ = np.linalg.lstsq(regressors, seen[:, k], rcond=None)
-        if not kept or np.std(seen[:, k] - regressors @ slopes) > TOGETHER * spread[k]:
-            kept.append(k)
+        if not independent or np.std(seen[:, k] - regressors @ slopes) > TOGETHER * spread[k]:
+            independent.append(k)
             continue
-        used = [(j, slope / spread[j]) for j, slope in zip(kept, slopes[1:], strict=True)
+        used = [(j, slope / spread[j]) for j, slope in zip(independent, slopes[1:], strict=True)
                 if abs(slope) > TOGETHER * spread[k]]
         factor, unit = shown_in(units[name])
         offset = factor * float(slopes[0] - sum(s * seen[:, j].mean() for j, s in used))

@@ -292,8 +292,8 @@ class StudyOutcome(Shown):
         mapped = any(f.baseline for f in self.fits)
         for f in self.fits:
             for r in f.records:
-                found = (r.metrics.get(k) for k in (f"rmse_{unit}", "rmse_percent_of_travel", f"max_{unit}"))
-                numbers = ["" if v is None else f"{v:.3g}" for v in found]
+                errors = (r.metrics.get(k) for k in (f"rmse_{unit}", "rmse_percent_of_travel", f"max_{unit}"))
+                numbers = ["" if v is None else f"{v:.3g}" for v in errors]
                 if mapped:
                     plain = f.baseline.records.get(r.name, {}).get(f"rmse_{unit}") if f.baseline else None
                     numbers.append("" if plain is None else f"{plain:.3g}")

@@ -156,9 +156,9 @@ class WatchedLoop:
         texts = []
         for name in (c.removeprefix("target_") for c in self.columns if c.startswith("target_")):
             output, unit = name.rpartition("_")[::2]
-            size, shown = (1e3, "mm") if unit == "m" else (np.rad2deg(1.0), "deg")
+            size, word = (1e3, "mm") if unit == "m" else (np.rad2deg(1.0), "deg")
             target, error = size * value[f"target_{name}"], size * value[f"error_{name}"]
-            texts.append(f"{output.replace('_', ' ')} target {target:.2f} {shown}, error {error:.2f} {shown}".lstrip())
+            texts.append(f"{output.replace('_', ' ')} target {target:.2f} {word}, error {error:.2f} {word}".lstrip())
         return "; ".join(texts)
 
     def touching(self, value: dict[str, float]) -> list[float] | None:

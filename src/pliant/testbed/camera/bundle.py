@@ -30,7 +30,7 @@ SHUTTER = Shutter(exposure=2e-3, defocus=0.5, noise=2.0)
 
 def case() -> Scenario:
     """Return the scenario of the bundled film: three pulses of pressure."""
-    steps = tuple(point for at, level in zip(EDGES, LEVELS, strict=True) for point in ((at, level), (at + WIDTH, 0.0)))
+    steps = tuple(point for t, level in zip(EDGES, LEVELS, strict=True) for point in ((t, level), (t + WIDTH, 0.0)))
     return Scenario("filmed_pulses", "pulses of 60, 180 and 119 kPa", END, Command("steps", steps))
 
 

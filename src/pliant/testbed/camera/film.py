@@ -114,19 +114,19 @@ def film_motion(
     """
     shutter = scene.shutter
     start = np.arange(0.0, duration - shutter.exposure, 1.0 / shutter.rate)
-    kept = [k for k in range(start.size) if k not in shutter.dropped]
+    recorded = [k for k in range(start.size) if k not in shutter.dropped]
     with movie(path, shutter.rate, scene.view.size) as write:
-        for done, k in enumerate(kept):
+        for done, k in enumerate(recorded):
             if k not in shutter.doubled or not done:
                 open_at = start[k] + shutter.exposure * np.array([0.0, 1.0])
                 count = moments(scene.view, shape(open_at))
-                at = start[k] + shutter.exposure * (np.arange(count) + 0.5) / count
-                picture = scene.frame(shape(at), float(start[k]))
+                instants = start[k] + shutter.exposure * (np.arange(count) + 0.5) / count
+                picture = scene.frame(shape(instants), float(start[k]))
             write(picture)
             if progress is not None:
-                progress((done + 1) / len(kept))
-    write_frame_gaps(path, np.diff(kept).tolist())
-    return np.asarray(start[kept] + 0.5 * shutter.exposure)
+                progress((done + 1) / len(recorded))
+    write_frame_gaps(path, np.diff(recorded).tolist())
+    return np.asarray(start[recorded] + 0.5 * shutter.exposure)
 
 
 def write_frame_gaps(path: Path, steps: list[int]) -> None:
@@ -152,12 +152,12 @@ def write_frame_gaps(path: Path, steps: list[int]) -> None:
 
 
 def _boxes(content: bytes, steps: list[int], longer: float) -> Iterator[bytes]:
-    at = 0
-    while at + 8 <= len(content):
-        size, kind = struct.unpack_from(">I4s", content, at)
-        if not 8 <= size <= len(content) - at:
+    position = 0
+    while position + 8 <= len(content):
+        size, kind = struct.unpack_from(">I4s", content, position)
+        if not 8 <= size <= len(content) - position:
             raise InputError("the film is not an MP4 file as OpenCV writes it: film it again")
-        inner = content[at + 8 : at + size]
+        inner = content[position + 8 : position + size]
         if kind in INSIDE:
             inner = b"".join(_boxes(inner, steps, longer))
         elif kind == b"stts":
@@ -165,7 +165,7 @@ def _boxes(content: bytes, steps: list[int], longer: float) -> Iterator[bytes]:
         elif kind in DURATION:
             inner = _longer(inner, DURATION[kind], longer)
         yield struct.pack(">I4s", len(inner) + 8, kind) + inner
-        at += size
+        position += size
 
 
 def _table(inner: bytes, steps: list[int]) -> bytes:

@@ -66,8 +66,8 @@ class View:
         across, depth = x * np.cos(self.aside), x * np.sin(self.aside)
         down, behind = y * np.cos(self.tilt) - depth * np.sin(self.tilt), y * np.sin(self.tilt)
         away = self.distance + depth * np.cos(self.tilt) + behind
-        seen = np.stack(_bent(across / away, down / away, self.coefficients), axis=-1)
-        return np.asarray(self.focal * seen + 0.5 * (np.array(self.size) - 1.0))
+        distorted = np.stack(_bent(across / away, down / away, self.coefficients), axis=-1)
+        return np.asarray(self.focal * distorted + 0.5 * (np.array(self.size) - 1.0))
 
     def table(self) -> dict[str, Any]:
         """Return this camera's ``[camera]`` table for a mapping that describes how to read a film: four points of the
@@ -170,13 +170,13 @@ def layers(view: View, look: Look, shape: Array) -> list[Layer]:
         point, normal = line(s), _normal(line, s)
         return view.pixels(np.concatenate([point + left * half * normal, (point + right * half * normal)[::-1]]))
 
-    made = [([ribbon(1.0, -1.0)], look.body)]
+    drawn = [([ribbon(1.0, -1.0)], look.body)]
     if look.gloss:
         bright = [min(255.0, c + look.gloss) for c in look.body]
-        made.append(([ribbon(0.55, 0.15)], (bright[0], bright[1], bright[2])))
-    for k, place in enumerate(look.mark_places if look.marks != "none" else ()):
-        made += _mark(view, look, line, place * along[-1], k)
-    return made
+        drawn.append(([ribbon(0.55, 0.15)], (bright[0], bright[1], bright[2])))
+    for k, fraction in enumerate(look.mark_places if look.marks != "none" else ()):
+        drawn += _mark(view, look, line, fraction * along[-1], k)
+    return drawn
 
 
 def _normal(line: Any, s: Array) -> Array:
@@ -203,8 +203,8 @@ def _mark(view: View, look: Look, line: Any, s: float, number: int) -> list[Laye
         """Return the outline [pixels] of a square in a marker's grid. Its sides are `cells` grid cells long, and its
         first corner lies at the grid position `corner`.
         """
-        place = (unit * cells + corner) / CELLS - 0.5
-        return view.pixels(line(s) + side * (place * [-1.0, 1.0]) @ frame)
+        corners = (unit * cells + corner) / CELLS - 0.5
+        return view.pixels(line(s) + side * (corners * [-1.0, 1.0]) @ frame)
 
     white = [square(np.array([column, CELLS - 1 - row]), 1) for row, column in zip(*np.nonzero(cells), strict=True)]
     return [([square(np.zeros(2), CELLS)], (20.0, 20.0, 20.0)), (white, (235.0, 235.0, 235.0))]
@@ -221,17 +221,17 @@ def hand(view: View, look: Look, time: float) -> list[Layer]:
     share = (time - begin) / (end - begin)
     tip = np.array([width * (0.12 + 0.62 * np.sin(np.pi * share)), height * 0.42])  # of the longest finger
     reach = 0.055 * width
-    made: list[Layer] = []
+    drawn: list[Layer] = []
     for k, back in enumerate((0.35, 0.0, 0.1, 0.5)):
         y = tip[1] + (k - 1) * 0.9 * reach * 0.55
         end_x = tip[0] - back * reach
         round_end = [[end_x - 0.2 * reach * (1 - np.cos(a)), y + 0.22 * reach * np.sin(a)]
                      for a in np.linspace(-np.pi / 2, np.pi / 2, 12)]  # fmt: skip
         back_x = tip[0] - 2.4 * reach
-        made.append(([np.array([[back_x, y - 0.22 * reach], *round_end, [back_x, y + 0.22 * reach]])], SKIN))
+        drawn.append(([np.array([[back_x, y - 0.22 * reach], *round_end, [back_x, y + 0.22 * reach]])], SKIN))
     palm = [[-reach * 3, -reach], [tip[0] - 2.2 * reach, -reach], [tip[0] - 1.8 * reach, reach * 0.8],
             [tip[0] - 2.4 * reach, reach * 1.8], [-reach * 3, reach * 1.6]]  # fmt: skip
-    return [*made, ([np.add(palm, [0.0, tip[1]])], SKIN)]
+    return [*drawn, ([np.add(palm, [0.0, tip[1]])], SKIN)]
 
 
 def over(picture: Array, shapes: list[Layer]) -> Array:
@@ -294,7 +294,7 @@ def coverage(outlines: list[Array], box: tuple[int, int, int, int]) -> Array:
         for row, rise in ((np.floor(y), first - y), (np.floor(end), end - first)):
             inside = (row >= 0) & (row < h) & (rise != 0)
             column = np.clip(x[inside], 0.0, w)
-            place = (row[inside] * (w + 2) + np.floor(column)).astype(int)
+            cell = (row[inside] * (w + 2) + np.floor(column)).astype(int)
             left = rise[inside] * (1.0 - column % 1.0)
-            total += np.bincount(place, left, total.size) + np.bincount(place + 1, rise[inside] - left, total.size)
+            total += np.bincount(cell, left, total.size) + np.bincount(cell + 1, rise[inside] - left, total.size)
     return np.abs(np.cumsum(total.reshape(h, w + 2), axis=1)[:, :w]).astype(np.float32)

@@ -77,14 +77,14 @@ class Scene:
         if self.grain is not None:
             picture = self.still.copy()
             picture[there] = lit
-            made = levels(picture + self._noise(picture))
+            picture_levels = levels(picture + self._noise(picture))
         else:
-            made = self.plain.copy()
-            made[there] = levels(lit)
+            picture_levels = self.plain.copy()
+            picture_levels[there] = levels(lit)
         if not self.shutter.quality:
-            return made
+            return picture_levels
         cv2 = opencv("a virtual camera")
-        coded = cv2.imencode(".jpg", made, [cv2.IMWRITE_JPEG_QUALITY, self.shutter.quality])[1]
+        coded = cv2.imencode(".jpg", picture_levels, [cv2.IMWRITE_JPEG_QUALITY, self.shutter.quality])[1]
         return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR))
 
     def _noise(self, picture: Array) -> Array:
