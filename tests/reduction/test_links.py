@@ -7,7 +7,7 @@ from planar_bodies import LENGTH, arc, wavy
 from pliant.errors import InputError
 from pliant.recording import make_recording
 from pliant.reduction import links_of, spline_shape
-from pliant.reduction.joints import chain_of, forward_tips, wrap
+from pliant.reduction.links import chain_of, forward_tips, wrap
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 8])

@@ -52,7 +52,7 @@ def described(path: Path, mapping: list[str] | None) -> tuple[xr.Dataset, list[s
     `pliant new` proposes them.
     """
     from pliant.cli.reading import load_mapping
-    from pliant.recording.per_file import options_of
+    from pliant.recording.mapping import options_of
     from pliant.study.first_reading import read_or_guess
 
     with busy(f"reading {path.name}"):

@@ -28,7 +28,7 @@ def load_mapping(paths: Sequence[Path | str] | Path | None) -> dict[str, Any] | 
     Of several files, each is given as NAME=FILE and holds for the recordings with NAME in their file names; one without
     a name holds for all others.
     """
-    from pliant.recording.per_file import joined_mappings
+    from pliant.recording.mapping import joined_mappings
 
     listed = [paths] if isinstance(paths, Path) else paths or ()
     split = [[entry] if Path(entry).exists() else entry.split(",") for entry in map(str, listed)]

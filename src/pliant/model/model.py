@@ -19,10 +19,9 @@ from pliant.model.chamber import FIELDS, Chamber
 from pliant.model.checks import check_names, check_numbers, numbers, one_number
 from pliant.model.extensible import check_extensions, joints_inside
 from pliant.model.extension import extensions_of
-from pliant.model.parameters import ModelParameters
+from pliant.model.parameters import ModelParameters, Station, stations_of
 from pliant.model.quantity import MOST_LINKS, MOST_STATIONS, fields_per, quantities, scalars
 from pliant.model.space import check_space, space_of
-from pliant.model.station import Station, stations_of
 from pliant.model.summary import model_card
 from pliant.model.valve import Valve
 from pliant.options import full_signature

@@ -16,12 +16,10 @@ from typing import TYPE_CHECKING, Any
 from pydantic import Field
 
 from pliant.errors import InputError, clipped
-from pliant.file_kinds import RECORDING, refuse_other
-from pliant.files import regular_file
+from pliant.files import RECORDING, refuse_other, regular_file
 from pliant.plugins import offered
 from pliant.recording.lost import without_lost
-from pliant.recording.mapping import FileMapping
-from pliant.recording.per_file import options_of
+from pliant.recording.mapping import FileMapping, options_of
 from pliant.recording.published import PREFIX, published_path
 from pliant.recording.schema import append_history, check_recording
 from pliant.recording.stated import Reading, judge_stated
@@ -192,7 +190,7 @@ def read_recording(
     mapping : dict, optional
         Information that the file lacks: columns and units of a plain table, names of arrays, the unit
         of length. The keys depend on the format; see the module of its reader. ``format`` is the next entry;
-        ``files`` holds options of single files, see `pliant.recording.per_file`;
+        ``files`` holds options of single files, see `pliant.recording.mapping`;
         ``linear`` scales channels of any format, see `pliant.recording.registry`; ``hold`` states whether inputs keep
         the value of a row until the next, see `pliant.recording.typed_steps`; ``incomplete = true`` reads a file that
         holds fewer samples than it states.

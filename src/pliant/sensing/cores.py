@@ -11,8 +11,7 @@ from pydantic import Field
 from pliant.errors import InputError, clipped
 from pliant.recording import read
 from pliant.recording.luna import combine_cores
-from pliant.recording.mapping import FileMapping
-from pliant.recording.per_file import options_of
+from pliant.recording.mapping import FileMapping, options_of
 from pliant.recording.schema import append_history, history_of
 from pliant.sensing.recording import shape_from_strain
 from pliant.sensing.strain import CoreLayout

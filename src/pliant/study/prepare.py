@@ -29,7 +29,7 @@ from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side
 from pliant.recording import read
 from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
-from pliant.recording.per_file import KEY
+from pliant.recording.mapping import KEY
 from pliant.recording.published import PREFIX
 from pliant.recording.schema import append_history, history_of
 from pliant.recording.typed_steps import held_sentences

@@ -13,9 +13,8 @@ import numpy as np
 
 from pliant.files import write_text
 from pliant.testbed.bundle import FOLDER
-from pliant.testbed.camera.film import film
+from pliant.testbed.camera.film import Shutter, film
 from pliant.testbed.camera.scene import Look, View
-from pliant.testbed.camera.shutter import Shutter
 from pliant.testbed.scenarios import Command, Scenario
 
 SEED = 1
