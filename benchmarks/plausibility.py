@@ -18,7 +18,7 @@ import xarray as xr
 
 from pliant.errors import InputError, PliantError
 from pliant.preprocessing.plausibility import CHECKS
-from pliant.preprocessing.plausibility.pressure import beside
+from pliant.preprocessing.plausibility.together import beside
 from pliant.preprocessing.quality import quality
 from pliant.recording import read
 from pliant.study import load_study

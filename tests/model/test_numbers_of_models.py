@@ -11,10 +11,11 @@ from pliant.errors import InputError
 from pliant.model import Chamber, Extension, Memory, Model, Station, Tendon, Valve, chain_model
 from pliant.model.actuation import Actuation, chambers_of
 from pliant.model.chamber import grown, remembering
-from pliant.model.checks import check_numbers, inertia_constants, numbers, one_number
+from pliant.model.checks import check_numbers, numbers, one_number
 from pliant.model.elastic_wall import coefficients, start
 from pliant.model.extensible import extensible_inertia, joints_inside, least_inertia
 from pliant.model.extension import shares
+from pliant.model.inertia import inertia_constants
 from pliant.model.memory import payne, springpot
 from pliant.model.parts import declared
 from pliant.model.space import Space, rows_of, space_of

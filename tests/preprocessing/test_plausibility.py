@@ -14,8 +14,8 @@ from pliant.model.summary import bending_stiffness, joint_placement
 from pliant.preprocessing.align import align
 from pliant.preprocessing.labels import exclude_swaps, label_order, undo_swaps
 from pliant.preprocessing.plausibility import CHECKS, Case, doubts
-from pliant.preprocessing.plausibility.pressure import beside
 from pliant.preprocessing.plausibility.table import table
+from pliant.preprocessing.plausibility.together import beside
 from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording, read
 

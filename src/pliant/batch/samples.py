@@ -16,7 +16,7 @@ from pliant.mechanics.springs import springs_of
 from pliant.model import Model, Valve, fixed_length
 from pliant.model import model as model_fields
 from pliant.model.chamber import RUBBER, grown, remembering
-from pliant.model.checks import inertia_constants
+from pliant.model.inertia import inertia_constants
 from pliant.simulation import state
 
 Array = np.ndarray

@@ -1,4 +1,10 @@
-"""Simulation of a batch on the processor: groups of `WIDTH` samples in SIMD vectors, on several threads."""
+"""Simulation of a batch on the processor: groups of `WIDTH` samples in SIMD vectors, on several threads.
+
+Time steps and mean torques of a batch simulation, for SIMD vectors of eight samples.
+
+Samples whose inputs jump at the same times share their steps. Otherwise the shorter ones are padded with steps of
+length zero, which leave a chain unchanged.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,13 @@
 If the reference is a path that is known ahead, the optimal preview is added to the steady inputs.
 
 Source: Anderson and Moore, Optimal Control: Linear Quadratic Methods, 1990, ch. 4
+
+Gains of the linear-quadratic regulator of outputs by one or several pressures, about one equilibrium.
+
+The state holds angles, rates, valve states, delayed commands and the integrals of the outputs' errors. Only those
+combinations of the outputs are integrated that the pressures can change at equilibrium: for a straight body only the
+tip's x. The cost weights the outputs' errors and the commands. It does not weight the sum of the angles, whose lightly
+damped zeros near 9 Hz would limit the damping, nor the first joint, whose zeros lie in the right half-plane.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ HUNDRED = 100.0  # parts of its highest, in which a command that is no pressure 
 
 
 ACCURACY = 1e-5  # tolerance of OSQP's primal and dual residuals, absolute and relative
-MOST = 5000  # iterations; `benchmarks/predictive.py` problems take 55, one in a hundred more than 800
+MOST = 5000  # iterations; random problems take 55, one in a hundred more than 800
 APART = 100  # iterations between two changes of the step size: at 25 it cycled on one problem in a thousand
 HUGE = 1e20  # limit of gradient and Hessian, beyond which the prediction counts as not finite
 

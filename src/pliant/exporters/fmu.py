@@ -2,6 +2,10 @@
 
 Inputs are the pressures. Outputs are the observed points, joint angles, pressures behind the valves and energies. Every
 parameter is tunable. Without a C compiler the FMU holds only the sources, which tools can compile.
+
+Variables of an exported FMU: their names (structured naming convention), units and start values.
+
+Names and the order of value references match `templates/fmu.c`: time, inputs, outputs, parameters.
 """
 
 from __future__ import annotations

@@ -1,4 +1,11 @@
-"""Samples of the control loop (time, name, array, unit), and the interfaces of their sources and sinks."""
+"""Samples of the control loop (time, name, array, unit), and the interfaces of their sources and sinks.
+
+Convert samples to packets of bytes and back (little endian).
+
+A packet holds the mark "PLN2", the time [ns], the hold time [us], the lengths of name and unit, the number of
+dimensions, name, unit, the dimensions and the float64 values. `hold` is a dead-man's time: a receiver must vent when no
+newer command arrives within it. Packets with the older mark "PLN1", which have no hold time, can be read.
+"""
 
 from __future__ import annotations
 

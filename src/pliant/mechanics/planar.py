@@ -35,8 +35,8 @@ from pliant.mechanics.reaction import BaseTwist, planar_reaction, point_carried
 from pliant.mechanics.records import CoordinateKind, Energy, LinkFrames, link_coordinates, strain_kind
 from pliant.mechanics.rest import loaded_rest
 from pliant.model import Station, fixed_length
-from pliant.model.checks import inertia_constants
 from pliant.model.extensible import extensible_inertia
+from pliant.model.inertia import inertia_constants
 from pliant.numerics.curve import tangents
 
 Array = np.ndarray

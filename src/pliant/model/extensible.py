@@ -7,7 +7,8 @@ from typing import TypeVar
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.checks import check_names, inertia_constants
+from pliant.model.checks import check_names
+from pliant.model.inertia import inertia_constants
 from pliant.model.parameters import ModelParameters
 from pliant.model.space import require_planar
 

@@ -1,6 +1,14 @@
 """Reader of C3D motion-capture files: markers become stations, in metres; invalid points become NaN.
 
 ezc3d reads the file in a separate process; `pliant.recording.c3d` compares what the file states twice.
+
+Checks of a C3D file for damage: facts that it states twice must agree, and its sections must not overlap.
+
+Header and parameters state the same counts, rates and scale. Sections are consecutive blocks of 512 bytes. After the
+last frame only the rest of its block follows, and blocks of zeros, which some systems append. A lost or doubled byte
+shifts all later bytes, and ezc3d returns the shifted numbers without an error.
+
+Source: the public C3D user guide (c3d.org)
 """
 
 from __future__ import annotations

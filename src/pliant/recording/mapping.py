@@ -1,5 +1,17 @@
 """Base class for the options of all readers. It checks them and reports an unknown key or a wrong value in one
 sentence.
+
+Options of several files in one mapping: tables for the files whose names contain a text or match a pattern.
+
+The options above the tables hold for all files; those of one table are added for its files::
+
+    delimiter = ";"
+    [files.track]                # of every file with "track" in its name
+    length_unit = "mm"
+    [files."*.tdms"]             # a pattern with * or ?
+    pressure = ["counts"]
+    [files.track_3]              # of several tables that fit, the one with the longest name holds
+    rows = [0, 500]
 """
 
 from __future__ import annotations

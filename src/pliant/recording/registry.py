@@ -3,6 +3,16 @@
 Another package adds a format by an entry point of the group ``pliant.readers`` that points to a `Reader`. What a file
 states about its content is compared with what was read in `read_recording`, for all formats alike; see
 `pliant.recording.stated`.
+
+Apply a scale and an offset to channels of a recording, such as raw counts or absolute pressures.
+
+A mapping of any format may hold them, by variable (``pressure``, ``actuation``, ``angle``, ``position``, ``strain``) or
+by the name of one chamber, input, station or core::
+
+    [linear.pressure]
+    scale = 0.0244      # value = scale * what the file holds + offset
+    offset = -12.2
+    unit = "kPa"        # of the offset
 """
 
 from __future__ import annotations

@@ -1,6 +1,17 @@
 """Compiled loops over time intervals for the pressure behind valves, lagged pressure, and chamber torque.
 
 The functions are plain Python; `pliant.compiler.choose.twin` compiles them.
+
+Pressure of a chamber that fills and vents through an opening, in closed form: choked and subsonic flow (ISO 6358).
+
+The absolute pressure P of a rigid chamber follows P' = (U / T) psi(P / U) while the command U lies above it, and P' =
+-(P / T) psi(U / P) while it lies below, with psi(r) = 1 for r < b, else sqrt(1 - ((r - b) / (1 - b))^2), and b = 1/2. T
+is volume over conductance and standard pressure, for gas of constant temperature. The pressure reaches the command in
+finite time.
+
+Source: ISO 6358-1:2013; b lies between 0.2 and 0.5 for most valves and tubes.
+
+The functions are plain Python; `pliant.compiler.choose.twin` compiles them.
 """
 
 from __future__ import annotations

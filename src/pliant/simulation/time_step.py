@@ -3,6 +3,13 @@
 The midpoint rule slows a mode of angular frequency w by the fraction (w h)^2 / 12 (Hairer, Norsett and Wanner I, Sec.
 II.16, applied to an oscillator). The error of a mode that moves the tip by A and decays at the rate d is therefore at
 most A w (w h)^2 / 12 t exp(-d t), largest at t = 1/d.
+
+Error of a simulated tip position, estimated by repeating the simulation with a different time step.
+
+A second-order rule with the step 2h has four times the error of the step h, so that the difference of the two is three
+times the error of h (Richardson; Hairer, Norsett and Wanner I, Sec. II.4). If this difference is small, the simulation
+is accepted. Otherwise it is also repeated with h/2. Where the two differences are not in the ratio of 4, the steps are
+too long for this law, and the larger of two estimates is used.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from pliant.errors import InputError
 from pliant.identification import Experiment, FitResult
 from pliant.model import Model
 from pliant.preprocessing.plausibility import CHECKS, UNITS, Case, doubts
-from pliant.preprocessing.plausibility.pressure import beside
+from pliant.preprocessing.plausibility.together import beside
 from pliant.selection.determined import undetermined_terms
 from pliant.study.aligned import Aligned
 from pliant.study.body import preset

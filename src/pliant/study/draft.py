@@ -10,7 +10,7 @@ from typing import Any, TypedDict, Unpack
 
 from pliant.options import with_defaults
 from pliant.preprocessing.plausibility import Case
-from pliant.preprocessing.plausibility.pressure import beside
+from pliant.preprocessing.plausibility.together import beside
 from pliant.study.doubts import body_warnings
 from pliant.study.draft_check import DraftCheck, check_draft
 from pliant.study.draft_inputs import inputs

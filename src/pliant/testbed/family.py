@@ -3,6 +3,12 @@
 `family_ranges.FAMILY` holds every range with its source. Each number has its own random stream, so that a range added
 later changes no other number. Draws are repeated until first frequency and working pressure lie in a realistic range.
 Actuators "a", "b" and "c" are named members with the standard instruments.
+
+Ranges from which the family of virtual laboratories is drawn, each with its source.
+
+Where no publication gives a range, the entry names its basis: the spread of the named actuators, or commercial
+components. Two things are not drawn: gravity, which the scenarios set, and the number of chambers, which is one
+(`rod.CHAMBERS` has bodies with two).
 """
 
 from __future__ import annotations
