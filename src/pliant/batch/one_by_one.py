@@ -92,14 +92,14 @@ def samples_alone(
         When their numbers differ, or a model cannot take its inputs.
     """
     if isinstance(models, Model):
-        given = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
-        if wrong := [k for k, v in given.items() if v.ndim != 1]:
+        arrays = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
+        if wrong := [k for k, v in arrays.items() if v.ndim != 1]:
             raise InputError(f"batch parameter {wrong[0]!r} must be an array with one number for each sample")
-        check_names(models, {k: float(v[0]) for k, v in given.items() if len(v)})
-        size = max([len(v) for v in given.values()], default=len(sets))
-        if any(len(v) != size for v in given.values()):
+        check_names(models, {k: float(v[0]) for k, v in arrays.items() if len(v)})
+        size = max([len(v) for v in arrays.values()], default=len(sets))
+        if any(len(v) != size for v in arrays.values()):
             raise InputError("all parameters of a batch need the same number of samples: use arrays of equal length")
-        sample_models = [apply(models, {k: float(v[i]) for k, v in given.items()}) for i in range(size)]
+        sample_models = [apply(models, {k: float(v[i]) for k, v in arrays.items()}) for i in range(size)]
     elif parameters:
         raise InputError("give a list of models, or one model with parameters, not both")
     else:
@@ -175,4 +175,4 @@ def run_alone(
         done = list(pool.map(one, range(size)))
     lost = motion_of(model, *np.full((2, times.size, n), np.nan))
     stacked = {k: np.stack([d.get(k, nothing) for d, _ in done]) for k, nothing in lost.items()}
-    return {**stacked, "failed_at": np.array([at for _, at in done])}
+    return {**stacked, "failed_at": np.array([failed_step for _, failed_step in done])}

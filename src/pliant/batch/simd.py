@@ -86,10 +86,10 @@ class Schedule:
         key = (id(self.pressure(i)), self.samples.valves[i])  # `shared`: keep the result for other samples
         if key in self._behind:
             return self._behind[key]
-        found = through_valve(key[1], self.pressure(i), self.grid(i).nodes, self.initial(i))
+        passed = through_valve(key[1], self.pressure(i), self.grid(i).nodes, self.initial(i))
         if shared:
-            self._behind[key] = found
-        return found
+            self._behind[key] = passed
+        return passed
 
     def group(self, members: Sequence[int], buffer: Array | None = None) -> tuple[Array, Array, Array]:
         """Return step lengths [s] and mean torques [N m] of a group of W = `WIDTH` samples, both (steps, W), and the
@@ -130,8 +130,8 @@ class Schedule:
         h[:], torque[:] = 0.0, 0.0
         for lane, i in enumerate(members):
             before = np.repeat(last - longest - (ends[i] + 1 - counts[i]), counts[i])
-            at = np.arange(plans[i].h.size) + before
-            h[at, lane], torque[at, lane] = plans[i].h, plans[i].torque[:, 0]
+            rows = np.arange(plans[i].h.size) + before
+            h[rows, lane], torque[rows, lane] = plans[i].h, plans[i].torque[:, 0]
         keep = np.full(int(last[-1]), -1)
         keep[last - 1] = np.arange(1, self.times.size)
         return h, torque, keep
@@ -155,8 +155,8 @@ def constant_arrays(samples: Samples) -> list[Array]:
     springs = springs_of(v)
     joints = np.stack([v["rest_angle"], springs.K, v["damping"], v["joint_gain"], *springs.hardening])
     base = v["base_length"] * np.stack([-np.sin(v["base_angle"]), np.cos(v["base_angle"])])
-    place = np.concatenate([v["link_length"], base, v["base_angle"][None]])
-    return [*samples.inertia(), samples.values["gravity"], joints, place]
+    lengths = np.concatenate([v["link_length"], base, v["base_angle"][None]])
+    return [*samples.inertia(), samples.values["gravity"], joints, lengths]
 
 
 def in_groups(a: Array) -> Array:
@@ -209,23 +209,23 @@ class Groups:
         n, rows = self.samples.template.n, self.schedule.times.size
         shapes = ((rows, n, WIDTH), (rows, n, WIDTH), (rows, n, 2, WIDTH))
         phi, w, tips = map(aligned, shapes)
-        kept = Output(phi, w, tips, np.full(WIDTH, -1))
+        output = Output(phi, w, tips, np.full(WIDTH, -1))
         scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (7, n + 1, WIDTH)))
         torque = None
         for group in self.left:
-            torque = self.run(group, kept, scratch, torque)
+            torque = self.run(group, output, scratch, torque)
 
     def run(self, group: int, kept: Output, scratch: tuple[Array, ...], torque: Array | None) -> Array:
         """Simulate one group of samples and store its results. Return its array of torques, so that others reuse it."""
-        own, members = self.members(group)
+        inputs, members = self.members(group)
         h, torque, keep = self.schedule.group(members, torque)
-        *fixed, joints, place, moving = (a[group] for a in self.constants)
+        *fixed, joints, placement, moving = (a[group] for a in self.constants)
         kept.failed[:] = -1
-        self.march(moving, h, torque, keep, Lane(tuple(fixed), joints, place), scratch, kept)
-        unpack(self.samples, kept, joints, place, {k: a[own] for k, a in self.results.items()})
-        for lane in np.flatnonzero(kept.failed[: own.stop - own.start] >= 0):
+        self.march(moving, h, torque, keep, Lane(tuple(fixed), joints, placement), scratch, kept)
+        unpack(self.samples, kept, joints, placement, {k: a[inputs] for k, a in self.results.items()})
+        for lane in np.flatnonzero(kept.failed[: inputs.stop - inputs.start] >= 0):
             last = kept.failed[lane]
-            self.results["failed_at"][own.start + lane] = self.schedule.times[0] + h[: last + 1, lane].sum()
+            self.results["failed_at"][inputs.start + lane] = self.schedule.times[0] + h[: last + 1, lane].sum()
         return torque
 
 
@@ -242,9 +242,9 @@ class ScalarGroups(Groups):
         """Simulate the chains of one group after another until none is left. Each thread runs this method."""
         torque = None
         for group in self.left:
-            own, members = self.members(group)
+            inputs, members = self.members(group)
             h, torque, keep = self.schedule.group(members, torque)
-            for lane, i in enumerate(range(own.start, own.stop)):
+            for lane, i in enumerate(range(inputs.start, inputs.stop)):
                 self.simulate_one(i, h[:, lane].copy(), torque[:, lane].copy(), keep)
 
     def simulate_one(self, i: int, h: Array, torque: Array, keep: Array) -> None:

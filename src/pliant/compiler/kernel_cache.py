@@ -94,9 +94,9 @@ def stored_files(folder: Path) -> Iterator[Path]:
     """Yield the files of stored kernels in a cache folder and in those of other versions of Numba beside it. Incomplete
     files that a killed process left a day ago are removed.
     """
-    for one in {folder, *folder.parent.glob("kernels-*")}:
+    for candidate in {folder, *folder.parent.glob("kernels-*")}:
         with suppress(OSError):
-            for file in list(one.iterdir()):
+            for file in list(candidate.iterdir()):
                 if file.suffix in (".nbi", ".nbc"):
                     yield file
                 elif ".tmp." in file.name and time() - file.stat().st_mtime > DAY:
@@ -164,14 +164,14 @@ def taken(handle: IO[bytes], wait: float) -> bool:
 @cache
 def folder() -> Path | None:
     """Return the folder for this user's compiled kernels, created if absent; None if it cannot be written."""
-    place = Path(config.CACHE_DIR or AppDirs(appname="pliant", appauthor=False).user_cache_dir)
-    place = place / f"kernels-checked-numba{numba.__version__}-llvmlite{llvmlite.__version__}"
+    path = Path(config.CACHE_DIR or AppDirs(appname="pliant", appauthor=False).user_cache_dir)
+    path = path / f"kernels-checked-numba{numba.__version__}-llvmlite{llvmlite.__version__}"
     try:
-        place.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=place).close()
+        path.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path).close()
     except OSError:
         return None
-    return place
+    return path
 
 
 class _Locator(_CacheLocator):
@@ -182,8 +182,8 @@ class _Locator(_CacheLocator):
 
     @classmethod
     def from_function(cls, _function: Any, file: str) -> _Locator | None:
-        place = folder()
-        return None if place is None else cls(file, place)
+        cache_folder = folder()
+        return None if cache_folder is None else cls(file, cache_folder)
 
     def get_cache_path(self) -> str:
         return str(self._place)
@@ -211,8 +211,8 @@ class CheckedFiles(IndexDataCacheFile):
         return self._read(Path(self._data_path(name)))
 
     def _load_index(self) -> Any:
-        found = self._read(Path(self._index_path))
-        return {} if found is None else found
+        content = self._read(Path(self._index_path))
+        return {} if content is None else content
 
     def _save_index(self, overloads: Any) -> None:
         self._write(self._index_path, overloads)
@@ -279,8 +279,8 @@ class KernelCache(FunctionCache):
         """
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
-            if (found := self._load_overload(sig, target_context)) is not None:
-                return found
+            if (loaded := self._load_overload(sig, target_context)) is not None:
+                return loaded
         import_module("pliant.compiler.dual_numbers")
         return None
 

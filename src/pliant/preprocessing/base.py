@@ -89,12 +89,12 @@ def named_axis(name: Any, rotation: NDArray | None) -> NDArray | None:
     InputError
         When the axis is of the base and the base has no orientation.
     """
-    found = AXIS_NAME.fullmatch(name) if isinstance(name, str) else None
-    if found is None:
+    match = AXIS_NAME.fullmatch(name) if isinstance(name, str) else None
+    if match is None:
         return None
     axis = np.zeros(3)
-    axis["xyz".index(found.group(3))] = 1.0 if found.group(2) == "+" else -1.0
-    if found.group(1) is None:
+    axis["xyz".index(match.group(3))] = 1.0 if match.group(2) == "+" else -1.0
+    if match.group(1) is None:
         return axis
     if rotation is None:
         raise InputError(f"the axis {name!r} needs the orientation of the base station, which has none at rest: "
@@ -261,9 +261,9 @@ def with_base_input(
         done = with_base_motion(aligned, moved, quaternion=quaternion[:, 0], cutoff=cutoff)
         return append_history(done, *lines)
     angle = angle_about(rotation, np.array([0.0, 0.0, 1.0]))
-    seen = np.isfinite(angle)
-    angle[seen] = np.unwrap(angle[seen])
-    tilt = np.degrees(np.arccos(np.clip(rotation[seen, 2, 2], -1.0, 1.0)).max(initial=0.0))
+    finite = np.isfinite(angle)
+    angle[finite] = np.unwrap(angle[finite])
+    tilt = np.degrees(np.arccos(np.clip(rotation[finite, 2, 2], -1.0, 1.0)).max(initial=0.0))
     lines.append(f"the base leaves the plane by up to {1e3 * np.nanmax(np.abs(moved[:, 2])):.3g} mm and {tilt:.3g} "
                  "degrees, which is left out")  # fmt: skip
     return append_history(with_base_motion(aligned, moved[:, :2], angle=angle, cutoff=cutoff), *lines)
@@ -279,5 +279,5 @@ def base_is_moved(stations: xr.Dataset, aligned: xr.Dataset) -> bool:
     if not np.isfinite(stations["quaternion"].values[:, names.index(base)]).all(axis=-1).any():
         return False
     travel = np.nan_to_num(detectors.travel(detectors.without_spikes(stations["position"].values)))
-    own = travel[names.index(base)]
-    return bool(own > BASE_SHARE * travel.max() and travel.min() >= STILL_SHARE * own)
+    base_travel = travel[names.index(base)]
+    return bool(base_travel > BASE_SHARE * travel.max() and travel.min() >= STILL_SHARE * base_travel)

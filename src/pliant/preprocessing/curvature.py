@@ -338,9 +338,9 @@ def differences(stations: int, window: int, spacing: float) -> tuple[Array, Arra
     fit = np.linalg.pinv((near[:, None] / half) ** power)
     middle = np.clip(np.arange(stations), half, stations - 1 - half)
     x = (np.arange(stations) - middle)[:, None] / half
-    found = []
+    notes = []
     for slope in (power * x ** np.maximum(power - 1, 0), power * (power - 1) * x ** np.maximum(power - 2, 0)):
         rows = np.zeros((stations, stations))
         np.put_along_axis(rows, middle[:, None] + near, slope @ fit, axis=1)
-        found.append(rows)
-    return found[0] / (half * spacing), found[1] / (half * spacing) ** 2
+        notes.append(rows)
+    return notes[0] / (half * spacing), notes[1] / (half * spacing) ** 2

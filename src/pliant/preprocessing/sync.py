@@ -227,7 +227,7 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
     body, pressure = body_course(recording), pressure_course(recording)
     best, rival = two_best(body, pressure, offsets(body.time, pressure.time, largest_s))
     check_fit(best, rival, largest_s)
-    word = input_words([one.unit for one in inputs])[0]
+    word = input_words([channel.unit for channel in inputs])[0]
     warnings = doubts(best, pressure, word)
     change = drift_of_events(body, pressure, best) if drift else UNKNOWN
     if change.significant:
@@ -334,7 +334,7 @@ def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> ND
         values = np.interp(grid, course.time, course.values[:, 0])
         return grid, values - values.mean()
 
-    (at, y), (clock, p) = sampled(body), sampled(pressure)
+    (times, y), (clock, p) = sampled(body), sampled(pressure)
     ones = (np.ones_like(y), np.ones_like(p))
     full = {name: correlate(a, b, method="fft") for name, (a, b) in {
         "yp": (y, p), "y": (y, ones[1]), "p": (ones[0], p), "yy": (y**2, ones[1]), "pp": (ones[0], p**2), "n": ones,
@@ -345,7 +345,7 @@ def coarse_scores(body: TimeSeries, pressure: TimeSeries, delays: NDArray) -> ND
     floor = 1e-6 * float((y**2).sum() * (p**2).sum())
     score = covariance**2 / np.maximum(variances, floor)
     score = np.where(variances > floor, score, 0.0) * np.sqrt(n / n.max())  # a short overlap may correlate by chance
-    lags = (np.arange(score.size) - (p.size - 1)) * COARSE_S + at[0] - clock[0]
+    lags = (np.arange(score.size) - (p.size - 1)) * COARSE_S + times[0] - clock[0]
     return np.asarray(np.interp(delays, lags, score, left=0.0, right=0.0))
 
 
@@ -359,11 +359,11 @@ def shift_pressure(recording: xr.Dataset, delay_s: float, drift: float = 0.0) ->
         check_holds(recording, "pressure", "shift_pressure")
     if not (np.isfinite(delay_s) and np.isfinite(drift)):
         raise InputError(f"delay_s (in seconds) and drift must be finite, not {delay_s!r} and {drift!r}")
-    names = dict.fromkeys("pressure_time" if one.kind == "pressure" else "input_time" for one in inputs)
+    names = dict.fromkeys("pressure_time" if channel.kind == "pressure" else "input_time" for channel in inputs)
     shifted = recording
     for name in names:
         shifted = shifted.assign_coords({name: recording[name].values * (1.0 + drift) + delay_s})
         shifted[name].attrs = dict(recording[name].attrs)
-    word = input_words([one.unit for one in inputs])[0]
+    word = input_words([channel.unit for channel in inputs])[0]
     rate = f" and its rate by {1e6 * drift:+.0f} ppm" if drift else ""
     return append_history(shifted, f"clock of the {word} moved by {1e3 * delay_s:+.2f} ms{rate}")

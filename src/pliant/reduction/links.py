@@ -79,8 +79,8 @@ def beside_links(place: Array, before: float, link_length: Array, rest: Array) -
     beside = np.einsum("kji,pkj->pki", frames, place[:, None] - starts)
     beyond = beside[..., 2] - np.clip(beside[..., 2], 0.0, length)
     nearest = np.hypot(np.hypot(beside[..., 0], beside[..., 1]), beyond).argmin(axis=1)
-    found = beside[np.arange(len(place)), nearest]
-    return [LinkPoint(int(k) - 1, float(z), float(-y), float(x)) for k, (x, y, z) in zip(nearest, found, strict=True)]
+    offsets = beside[np.arange(len(place)), nearest]
+    return [LinkPoint(int(k) - 1, float(z), float(-y), float(x)) for k, (x, y, z) in zip(nearest, offsets, strict=True)]
 
 
 def chain_of(nodes: Array) -> tuple[Array, Array]:
@@ -181,8 +181,8 @@ class LinkPlacement:
 
         Each point is assigned to the nearest link, or to the base before the first joint where that is nearest.
         """
-        places = np.asarray(place, dtype=np.float64)
-        return beside_links(places, float(self.node_arc_length[0]), self.link_length, self.rest_rotation)
+        positions = np.asarray(place, dtype=np.float64)
+        return beside_links(positions, float(self.node_arc_length[0]), self.link_length, self.rest_rotation)
 
     def to_xarray(self) -> xr.Dataset:
         """Return link lengths, joint angles and positions of the link tips over time as an `xarray.Dataset`."""

@@ -97,7 +97,7 @@ def read_shape(path: str | Path, mapping: Mapping[str, Any] | None = None, *, fo
         if "strain" not in recording:
             raise InputError(f"{file.name} holds no strain, but its mapping describes the cores of a fibre: "
                              "leave cores out")  # fmt: skip
-    named = [one.assign_coords(core=[part]) for one, part in zip(recordings, cores.files, strict=False)]
+    named = [strain.assign_coords(core=[part]) for strain, part in zip(recordings, cores.files, strict=False)]
     joined = combine_cores(named) if len(named) > 1 else recordings[0]
     layout, count = cores.layout(), joined.sizes["core"]
     if count != layout.radius.size:

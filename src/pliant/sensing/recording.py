@@ -66,17 +66,17 @@ def shape_from_strain(
     if sigma is not None:
         spacing = float(np.diff(s).mean())
         attrs["tip_sigma_m"] = tip_sigma(sigma * state.curvature_gain, spacing, float(s[-1] - s[0]))
-    seen = "measured" if state.sees_twist else "not measured by this layout, assumed zero"
+    twist = "measured" if state.sees_twist else "not measured by this layout, assumed zero"
     counted = f"{filled} missing strain value(s) interpolated, {lost} frame(s) unknown beyond a gap"
     history = [
         *history_of(recording),
-        f"shape from strain: {layout.radius.size} cores, common mode by {common_mode}, twist {seen}; {counted}",
+        f"shape from strain: {layout.radius.size} cores, common mode by {common_mode}, twist {twist}; {counted}",
     ]
-    kept = {k: v for k, v in recording.attrs.items() if k in ("source", "source_format", "source_sha256")}
+    attributes = {k: v for k, v in recording.attrs.items() if k in ("source", "source_format", "source_sha256")}
     nominal = recording.attrs.get("nominal_pressure")
     return make_recording(
         recording["time"].values, points, arc_length=s - s[0], history=history, attrs=attrs,
-        nominal_pressure=nominal, **kept, **input_arguments(recording),
+        nominal_pressure=nominal, **attributes, **input_arguments(recording),
     )  # fmt: skip
 
 

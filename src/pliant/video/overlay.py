@@ -74,7 +74,7 @@ def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
     The files appear only when the block ends without an error.
     """
     sheets, films = ([p for p in paths if p.suffix.lower() == ending] for ending in ENDINGS)
-    shown = set(np.linspace(0, reel.count - 1, TILES).round().astype(int).tolist()) if sheets else set()
+    sampled = set(np.linspace(0, reel.count - 1, TILES).round().astype(int).tolist()) if sheets else set()
     tiles: list[Array] = []
     size = _size(reel, FILM)
     with ExitStack() as stack:
@@ -85,7 +85,7 @@ def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
             nonlocal number, gaps, hidden
             begins, hidden = not hidden, points is None or not np.isfinite(points).all()
             gaps += begins and hidden
-            if number in shown or (sheets and begins and hidden and gaps <= GAPS):
+            if number in sampled or (sheets and begins and hidden and gaps <= GAPS):
                 tiles.append(drawn(time, picture, points, _size(reel, TILE)))
             for write in writers:
                 write(drawn(time, picture, points, size))
@@ -109,16 +109,16 @@ def drawn(time: float, picture: Array, points: Array | None, size: tuple[int, in
     canvas = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     share = size[0] / picture.shape[1]
     visible = np.empty((0, 2)) if points is None else points[np.isfinite(points).all(axis=1)]
-    place = np.round(((visible + 0.5) * share - 0.5) * 16).astype(np.int32)
-    if len(place) > 1:
+    path = np.round(((visible + 0.5) * share - 0.5) * 16).astype(np.int32)
+    if len(path) > 1:
         for colour, thick in ((EDGE, 4), (LINE, 2)):
-            cv2.polylines(canvas, [place], isClosed=False, color=colour, thickness=thick, lineType=cv2.LINE_AA, shift=4)
+            cv2.polylines(canvas, [path], isClosed=False, color=colour, thickness=thick, lineType=cv2.LINE_AA, shift=4)
     whole_line = points is not None and len(visible) == len(points)
-    if 1 < len(place) <= 24:
-        for x, y in place:
+    if 1 < len(path) <= 24:
+        for x, y in path:
             cv2.circle(canvas, (int(x), int(y)), 80, EDGE, 2, cv2.LINE_AA, 4)
-    elif len(place):
-        for (x, y), colour in zip(place[[0, -1]], (BASE, TIP), strict=True):
+    elif len(path):
+        for (x, y), colour in zip(path[[0, -1]], (BASE, TIP), strict=True):
             cv2.circle(canvas, (int(x), int(y)), 80, colour, 2, cv2.LINE_AA, 4)
     _write(canvas, f"{time:.3f} s", (8, 24), EDGE)
     if not whole_line:

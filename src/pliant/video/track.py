@@ -187,10 +187,10 @@ def track_video(
     names, findings, frames = _followed(reel, how)
     times, points, change, before = list[float](), list[Array | None](), list[float](), None
     with overlay(reel, how.overlays) as draw:
-        for time, picture, found in frames:
-            draw(time, picture, found)
+        for time, picture, marks in frames:
+            draw(time, picture, marks)
             times.append(time)
-            points.append(None if found is None else found.astype(np.float32))
+            points.append(None if marks is None else marks.astype(np.float32))
             sparse = picture[::SPARSE, ::SPARSE].astype(np.float32)
             change.append(float(np.abs(sparse - before).mean()) if before is not None else np.nan)
             before = sparse
@@ -284,8 +284,8 @@ def _times(reel: Reel, camera: Camera, time: Array) -> tuple[Array, list[str], f
         time = np.arange(len(time)) / camera.rate_hz
     if (np.diff(time) <= 0).any():
         raise InputError(f"{reel.path.name}: the frame times of the file do not increase: set rate_hz in [camera]")
-    missing, places = lost_in_times(time)
-    findings.append(f"{missing} frames are missing in {places} gap(s) of the file's times")
+    missing, indices = lost_in_times(time)
+    findings.append(f"{missing} frames are missing in {indices} gap(s) of the file's times")
     period = float(np.median(np.diff(time)))
     open_s = 1e-3 * camera.exposure_ms if camera.exposure_ms is not None else None
     read_s = 1e-3 * camera.readout_ms if camera.readout_ms is not None else None

@@ -123,12 +123,12 @@ def torque(case: Case) -> str:
     if case.model is None:
         return ""
     inputs = [c for c in case.model.chambers if c.kind == "pressure"]  # a tendon's torque is for a newton or a metre
-    made = max((float(np.max(np.abs(c.lever_at(0.0) * c.joint_gain))) for c in inputs), default=0.0)
+    peak = max((float(np.max(np.abs(c.lever_at(0.0) * c.joint_gain))) for c in inputs), default=0.0)
     wide = USUAL_WIDTH * case.model.length if case.diameter is None else case.diameter
     most = LARGEST_ARM * wide**3
-    if made <= most:
+    if peak <= most:
         return ""
-    return (f"the fitted torque of {made:.3g} N m/Pa is an area times a lever arm of {made:.3g} m^3, but a section of "
+    return (f"the fitted torque of {peak:.3g} N m/Pa is an area times a lever arm of {peak:.3g} m^3, but a section of "
             f"{1e3 * wide:.3g} mm diameter has {most:.2g} at most: check mass (kg), length (m) and the "
             "unit of pressure")  # fmt: skip
 
