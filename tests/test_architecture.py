@@ -150,7 +150,7 @@ MECHANICS = ("equations/", "mechanics/", "exporters/")  # the packages that may 
 OWN_MECHANICS = ("basic.py", "testbed/")  # written apart, to compare with; no line is shared
 SPRING_FUNCTIONS = {"spring_torque", "spring_slope", "spring_energy"}
 INERTIA_FUNCTIONS = {"inertia_absolute", "body_constants", "inertia_from_jacobians"}
-CONSTANT_MAKERS = {"model/checks.py"}  # the constants of the inertia, which checks of a model need as well
+CONSTANT_MAKERS = {"model/inertia.py"}  # the constants of the inertia, which checks of a model need as well
 
 
 def attributes(node):
