@@ -145,8 +145,8 @@ def align(
     noise = 0.0 if rest is not None and window.all() else still_noise(position)  # of poses, differences are no noise
     normal, flatness = bending_normal(plane if direction is None else direction, y, position, about, noise)
     sign = 1 if method == "input" else bending_sign(recording, position, pose, zero, np.cross(y, normal))
-    unbent = bend is None or (space and method not in ("motion", "body", "input"))
-    if not unbent and sign not in (0, _wanted_sign(str(bend))):
+    straight = bend is None or (space and method not in ("motion", "body", "input"))
+    if not straight and sign not in (0, _wanted_sign(str(bend))):
         normal, sign = -normal, -sign
     rotation = np.roll(np.stack([np.cross(y, normal), y, normal]), int(space), axis=0)
     report = Alignment(
