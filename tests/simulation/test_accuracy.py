@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.linalg import expm
 
 import pliant
 from pliant.actuators import chen2018
@@ -20,6 +21,7 @@ from pliant.simulation.time_step import (
     TYPICAL,
     AccuracyWarning,
     longest_step,
+    mode_steps,
     nice,
     resolving_step,
     step_for,
@@ -203,3 +205,17 @@ def test_missing_energy_alone_is_reported_beyond_a_hundredth(monkeypatch):
         pliant.simulate(SWING, NOTHING, duration=0.1, time_step=1e-4, initial_angle=[0.5])
     monkeypatch.setattr(solve, "energy_defects", lambda _motion: (0.009, 0.0))
     pliant.simulate(SWING, NOTHING, duration=0.1, time_step=1e-4, initial_angle=[0.5])
+
+
+@pytest.mark.parametrize(("ratio", "omega"), [(0.05, 30.0), (2.0, 40.0), (20.0, 80.0)])
+def test_the_midpoint_rule_is_off_by_the_tolerance_at_the_longest_step_of_a_mode(ratio, omega):
+    """For one oscillator, over-damped ones in their slow motion: against its exact motion by a matrix exponential."""
+    (step,) = mode_steps(np.array([omega]), np.array([ratio * omega]), np.array([1.0]), tolerance=1e-3)
+    A = np.array([[0.0, 1.0], [-(omega**2), -2.0 * ratio * omega]])
+    midpoint = np.linalg.solve(np.eye(2) - 0.5 * step * A, np.eye(2) + 0.5 * step * A)
+    slow = np.array([1.0, np.linalg.eigvals(A).real.max()]) if ratio > 1 else np.array([1.0, 0.0])
+    exact, stepped, worst = slow, slow, 0.0
+    for _ in range(int(3.0 / step)):
+        exact, stepped = expm(step * A) @ exact, midpoint @ stepped
+        worst = max(worst, abs(exact[0] - stepped[0]))
+    assert 0.4e-3 < worst < 1.2e-3

@@ -79,7 +79,7 @@ def left_out_errors(groups: Sequence[Products], ridge: float) -> Array:
     return np.array([squared_error(group, coefficients) for group, coefficients in zip(groups, fitted, strict=True)])
 
 
-def lagged(time: Array, start: Array, end: Array, time_constant: float) -> Array:
+def lagged(time: Array, start: Array, end: Array, time_constant: complex) -> Array:
     """Return C inputs (T, C) behind a first-order lag at the times `time` (T,) [s].
 
     In the interval k between two times each input is the straight line from ``start[k]`` to ``end[k]`` (T - 1, C). The

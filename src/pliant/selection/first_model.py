@@ -16,6 +16,8 @@ from pliant.selection.determined import DETERMINED
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 
 Entry = Parameter | str
+HARDLY = 0.2  # of the range of the input that moves most: an input that moves less hardly moves
+BESIDE = 0.1  # of the length: farther from the axis than a marker on a body lies
 ALIKE = (("gain_x", "gain_y"), ("axial_gain",), ("torque_1",))  # parameters of inputs that have one size in a body
 
 
@@ -72,9 +74,11 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
 
 def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
     """Return a fit in which the gains of inputs that the recordings do not determine rest on a prior: zero, with the
-    size of the gain of the input that they determine best.
+    size of the largest gain that they determine. Differences between recordings pass for the gain of an input that
+    hardly moves, which therefore counts as not determined, however small its standard error.
     """
     priors: dict[str, tuple[float, str]] = {}
+    still = hardly_moving(parent.model, setting.experiments)
     for kind in ALIKE:
         sizes, doubts = dict[str, float](), dict[str, float]()
         for p in parent.problem.free:
@@ -82,15 +86,48 @@ def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
             if owner and own in kind and not p.prior_std:
                 error = parent.standard_errors[p.name]
                 sizes[owner] = float(np.hypot(sizes.get(owner, 0.0), parent.values[p.name]))
-                doubts[owner] = float(np.hypot(doubts.get(owner, 0.0), np.inf if error is None else error))
-        known = {owner: doubts[owner] / max(size, 1e-300) for owner, size in sizes.items()}
-        best = min(known, key=lambda owner: known[owner], default="")
-        if best and known[best] <= DETERMINED < max(known.values()):
-            source = f"not determined; a prior of the size that {best} shows"
-            priors |= {f"{owner}.{own}": (sizes[best], source) for owner in known for own in kind
-                       if known[owner] > DETERMINED}  # fmt: skip
+                error = np.inf if error is None or owner in still else error
+                doubts[owner] = float(np.hypot(doubts.get(owner, 0.0), error))
+        vague = [owner for owner, size in sizes.items() if doubts[owner] > DETERMINED * size]
+        largest = max((owner for owner in sizes if owner not in vague), key=lambda owner: sizes[owner], default="")
+        if largest:
+            source = f"not determined; a prior of the size that {largest} shows"
+            priors |= {f"{owner}.{own}": (sizes[largest], source) for owner in vague for own in kind}
     if not priors:
         return parent
     parameters = [replace(p, prior=0.0, prior_std=priors[p.name][0], source=priors[p.name][1])
                   if p.name in priors else p for p in parent.parameters]  # fmt: skip
+    return fitted(setting, parent.model, parameters, prior_weight=parent.prior_weight)
+
+
+def hardly_moving(model: Model, train: Sequence[Experiment]) -> set[str]:
+    """Return the names of inputs that move by less than a fifth of the range of the input of their kind that moves
+    most, in the frames of all recordings that are compared.
+    """
+    frames = [e.time[np.isfinite(e.compared).any(axis=(1, 2))] for e in train]
+    ranges, kinds = dict[str, float](), dict(zip(model.actuation.names, model.actuation.kinds, strict=True))
+    for name in kinds:
+        values = [trace(t) for e, t in zip(train, frames, strict=True) if (trace := e.driving(name)) is not None]
+        ranges[name] = float(np.ptp(np.concatenate(values))) if values else 0.0
+    return {name for name, moved in ranges.items()
+            if moved < HARDLY * max(ranges[other] for other in kinds if kinds[other] == kinds[name])}  # fmt: skip
+
+
+def with_places(parent: FittedModel, setting: FitSetting) -> FittedModel:
+    """Return a fit in which a marker beside the axis rests on a prior, near the axis, if it would lie farther away than
+    a tenth of the body's length or the recordings do not determine it.
+    """
+    near, errors = BESIDE * parent.model.length, parent.standard_errors
+
+    def loose(p: Parameter) -> bool:
+        error = errors.get(p.name)
+        sure = error is not None and error <= near
+        return p.free and not p.prior_std and p.name.endswith((".across", ".aside")) and not (
+            sure and abs(parent.values[p.name]) <= near)  # fmt: skip
+
+    if not any(map(loose, parent.parameters)):
+        return parent
+    source = "not determined; a prior near the axis"
+    parameters = [replace(p, prior=0.0, prior_std=near, value=0.0, source=source) if loose(p) else p
+                  for p in parent.parameters]  # fmt: skip
     return fitted(setting, parent.model, parameters, prior_weight=parent.prior_weight)

@@ -5,24 +5,25 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypedDict, Unpack
+from typing import TypedDict, Unpack
 
 import numpy as np
 
-from pliant.errors import FitError, InputError, PliantError
+from pliant.errors import InputError, PliantError
 from pliant.identification.experiment import Experiment
-from pliant.identification.fit import check_choices, finished, fit
+from pliant.identification.fit import check_choices, finished
 from pliant.identification.optimise import solve
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.selection.criterion import criterion, groups_of, left_out, noise_of
 from pliant.selection.determined import undetermined
-from pliant.selection.first_model import Entry, beginning, determined
+from pliant.selection.first_model import Entry, determined
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.result import ModelSelection, RivalModel, SelectionStep, TriedTerm
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
+from pliant.selection.start import first_model
 from pliant.selection.terms import Term, terms_for
 
 Array = np.ndarray
@@ -111,15 +112,12 @@ def select_model(
     began, notify = clock.monotonic(), progress or ignore
     deadline = began + 60 * how["minutes"]
     file, state = how["file"], None if how["file"] is None else how["file"].load()
-    if state is None:
-        first = first_fit(train, model, beginning(model, train, common), how, notify)
-        setting = FitSetting(tuple(train), first.time_step, how["weighting"], how["loss"])
-        terms = terms_for(model, train) if how["terms"] is None else how["terms"]
-        parent = fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0)
-        given = model.with_(stations=parent.model.stations)
-        return Search(setting, given, determined(parent, setting), terms, began, deadline, notify, file).run()
-    setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"])
     terms = terms_for(model, train) if how["terms"] is None else how["terms"]
+    if state is None:
+        setting, parent, chosen = first_model(train, model, common, terms, how, notify)
+        given = model.with_(stations=parent.model.stations)
+        return Search(setting, given, determined(parent, setting), terms, began, deadline, notify, file, chosen).run()
+    setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"])
     chosen = [t for name in state.terms for t in terms if t.name == name]
     longer = model
     for term in chosen:
@@ -129,24 +127,6 @@ def select_model(
     given = model.with_(stations=best.model.stations)
     return Search(setting, given, best, terms, began - state.seconds, deadline, notify, file, chosen,
                   list(state.steps)).run()
-
-
-def first_fit(
-    train: Sequence[Experiment], model: Model, parameters: Sequence[Entry], how: SearchOptions, notify: Notify,
-) -> FitResult:
-    """Return the fit with which a search begins. Parameters of several inputs that the recordings do not determine are
-    named and stay near their start values.
-    """
-    options: dict[str, Any] = {"starts": 2, "max_evaluations": 100, "time_step": how["time_step"],
-                               "weighting": how["weighting"], "loss": how["loss"], "rng": how["rng"]}  # fmt: skip
-    try:
-        return fit(train, model, parameters, **options)
-    except FitError as error:
-        if len(model.chambers) < 2:
-            raise
-        found = fit(train, model, parameters, regularise=True, **options)
-        notify(f"warning: {error}")
-        return found
 
 
 def ignore(_line: str) -> None:
@@ -189,7 +169,7 @@ class Search:
         self.groups = groups_of(self.best)
         self.score = self.scored(self.best)
         if not self.steps:
-            self.record("", "stiffness, damping and torque")
+            self.record("", ", ".join(["stiffness, damping and torque", *(t.title for t in self.chosen)]))
 
     def run(self) -> ModelSelection:
         """Add terms until none helps, drop those that are not needed, and return the selection."""
@@ -248,8 +228,12 @@ class Search:
         self.others = sorted([*self.others, (score, title, fit)], key=lambda c: c[0])[:MOST_OTHERS]
 
     def vague(self, term: Term) -> dict[str, str]:
-        """Return the parameters of a term that the recordings do not determine, each with its value and error."""
-        return undetermined(self.best.values, self.best.standard_errors, term)
+        """Return the parameters of a term that neither the recordings nor a prior determine, each with its value and
+        error.
+        """
+        prior = {p.name for p in self.best.problem.free if p.prior_std}
+        vague = undetermined(self.best.values, self.best.standard_errors, term)
+        return {name: text for name, text in vague.items() if name not in prior}
 
     @property
     def late(self) -> bool:

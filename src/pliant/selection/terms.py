@@ -150,8 +150,9 @@ def terms_for(
     def named(one: Term, names: Sequence[str]) -> bool:
         return one.name in names or one.name.rpartition(".")[2] in names
 
-    every = (*springs(model), *relaxation(model), *inputs(model, experiments), *places(model, experiments),
-             *lengthening(model, experiments))  # fmt: skip
+    longer = tuple(lengthening(model, experiments))
+    every = (*springs(model), *relaxation(model, longer), *inputs(model, experiments), *places(model, experiments),
+             *longer)  # fmt: skip
     return tuple(t for t in every if (not only or named(t, only)) and not named(t, without))
 
 
@@ -170,13 +171,16 @@ def springs(model: Model) -> Iterator[Term]:
                    {"stiffness_ratio": model.space.stiffness_ratio})
 
 
-def relaxation(model: Model) -> Iterator[Term]:
-    """Yield creep of the joints, with one branch and a second one, friction, and creep of a body that lengthens."""
+def relaxation(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
+    """Yield creep of the joints, with one branch and a second one, friction, and creep of a body that lengthens, or
+    that the term in `longer` lengthens.
+    """
     yield branch("creep", "", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0))
     yield branch("creep_2", "", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), needs="creep")
     yield branch("slip", "", "slip_share_1", "slip_angle_1", (0.003, 0.02, 0.1))
-    if mechanics_of(model).lengthens:
-        yield branch("axial_creep", "", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0))
+    if mechanics_of(model).lengthens or longer:
+        yield branch("axial_creep", "", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0),
+                     needs=next((t.name for t in longer), ""))  # fmt: skip
 
 
 def branch(name: str, owner: str, share: str, inner: str, grid: Sequence[float], **options: Any) -> Term:
@@ -213,7 +217,7 @@ def shows_curvature(chamber: ActuationInput, driven: Sequence[Experiment]) -> bo
     values = [np.abs(trace(e.time[np.isfinite(e.compared).any(axis=(1, 2))]))
               for e in driven if (trace := e.driving(chamber.name)) is not None]  # fmt: skip
     highest = max((v.max(initial=0.0) for v in values), default=0.0)
-    return min((float(v.min(initial=np.inf)) for v in values), default=0.0) <= WIDE * highest
+    return highest > 0.0 and min(float(v.min(initial=np.inf)) for v in values) <= WIDE * highest
 
 
 def torque_laws(start: str, chamber: ActuationInput, highest: float) -> Iterator[Term]:

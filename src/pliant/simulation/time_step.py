@@ -2,7 +2,8 @@
 
 The midpoint rule slows a mode of angular frequency w by the fraction (w h)^2 / 12 (Hairer, Norsett and Wanner I, Sec.
 II.16, applied to an oscillator). The error of a mode that moves the tip by A and decays at the rate d is therefore at
-most A w (w h)^2 / 12 t exp(-d t), largest at t = 1/d.
+most A w (w h)^2 / 12 t exp(-d t), largest at t = 1/d. An over-damped mode moves with its slow pole s = d - (d^2 -
+w^2)^(1/2), which the rule slows by the fraction (s h)^2 / 12: its error is the same with s in place of w and d.
 
 Error of a simulated tip position, estimated by repeating the simulation with a different time step.
 
@@ -150,6 +151,8 @@ def mode_steps(
     """Return the time step (N,) [s] at which the error of each of N modes of vibration reaches `tolerance`. It is
     infinite for modes that hardly move the tip.
     """
+    slow = omega * (omega / np.maximum(decay + np.sqrt(np.maximum(decay**2 - omega**2, 0.0)), omega))
+    omega, decay = (np.where(decay > omega, slow, one) for one in (omega, decay))
     peak = np.minimum(duration, 1.0 / np.maximum(decay, 1e-300))
     error = moved * omega**3 / 12.0 * peak * np.exp(-decay * peak)  # over the square of the step
     return np.where(2.0 * moved > tolerance, np.sqrt(tolerance / np.maximum(error, 1e-300)), np.inf)

@@ -10,10 +10,9 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
-from pliant.numerics.ridge import lagged
+from pliant.identification.lagged_inputs import behind_lags
 from pliant.recording.rules import INPUT_UNITS
 from pliant.simulation import Pulse, Trace
-from pliant.simulation.drive import commanded, merge
 from pliant.simulation.inputs import Input
 from pliant.units import shown_in
 
@@ -21,7 +20,6 @@ Array = np.ndarray
 IDLE = 0.02  # of the largest range among inputs of one kind: an input that varies less does not move (sensor noise)
 TOGETHER = 0.02  # of an input's standard deviation: what the others leave unexplained where they move together
 LOADS = {"tip_mass": 0.0}  # known parameters of a recording that are loads, with their value where none is stated
-SAME_TIME = 1e-9  # s
 SHORTEST = 1e-6  # s, of a pulse
 
 
@@ -57,9 +55,7 @@ class InputTable(NamedTuple):
         columns = np.array([*present, *loads]).reshape(self.size, exp.time.size).T
         if exp.poses or not moving:
             return np.hstack([columns, *[columns[:, : len(moving)]] * len(time_constants)])
-        nodes, rows = instants(exp.time, moving)
-        pieces = np.stack([commanded(moving_input, nodes, 0.0) for moving_input in moving], axis=2)
-        return np.hstack([columns, *(lagged(nodes, pieces[:, 0], pieces[:, 2], tau)[rows] for tau in time_constants)])
+        return np.hstack([columns, *behind_lags(exp.time, moving, time_constants)])
 
 
 def inputs_of(exp: Experiment) -> dict[str, Input]:
@@ -76,15 +72,6 @@ def inputs_of(exp: Experiment) -> dict[str, Input]:
         for axis, component in zip("xyz", force.force.T, strict=False):
             sources[f"force {axis} at {point}"] = Trace(force.time, component)
     return sources
-
-
-def instants(time: Array, sources: Sequence[Input]) -> tuple[Array, Array]:
-    """Return the times (N,) [s] of all frames and of the inputs' kinks until the last frame, and the indices (T,) of
-    the T frames among them.
-    """
-    kinks = np.unique(np.concatenate([source.breakpoints for source in sources]))
-    nodes = merge(np.concatenate([kinks[kinks < time[0] - SAME_TIME], time]), kinks, SAME_TIME)
-    return nodes, np.searchsorted(nodes, time)
 
 
 def table_of(train: Sequence[Experiment]) -> tuple[InputTable, tuple[str, ...]]:

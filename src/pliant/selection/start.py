@@ -1,0 +1,63 @@
+"""The fitted model with which a search begins: settled shapes come first for a body that moves slowly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from pliant.errors import FitError, PliantError
+from pliant.identification.drives import findings_of_chambers
+from pliant.identification.experiment import Experiment
+from pliant.identification.fit import fit
+from pliant.identification.result import FitResult
+from pliant.model import Model
+from pliant.selection.first_model import Entry, beginning
+from pliant.selection.fitted import FitSetting, FittedModel, fitted
+from pliant.selection.slow import SlowBody
+from pliant.selection.terms import Term
+
+Notify = Callable[[str], None]
+
+
+def first_model(
+    train: Sequence[Experiment], model: Model, common: Sequence[Entry], terms: Sequence[Term], how: Mapping[str, Any],
+    notify: Notify,
+) -> tuple[FitSetting, FittedModel, list[Term]]:
+    """Return the setting of all fits of a search, the fitted model with which it begins, and the terms that this model
+    has already.
+    """
+    setting = FitSetting(tuple(train), 0.0, how["weighting"], how["loss"])
+    slow = SlowBody.of(setting, model)
+    if slow is not None:
+        notify(f"the body follows its inputs within {slow.constant:.2g} s without ringing: settled shapes come first")
+        lengthening = next((t for t in terms if t.extension), None)
+        try:
+            begun = slow.first_model(model, common, lengthening, how["time_step"])
+        except PliantError as error:
+            notify(f"warning: these shapes are of no use: {error}")
+        else:
+            if together := findings_of_chambers(begun[1].free, model, train):
+                notify(f"warning: {together}")
+            return begun
+    first = first_fit(train, model, beginning(model, train, common), how, notify)
+    setting = replace(setting, time_step=first.time_step)
+    return setting, fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0), []
+
+
+def first_fit(
+    train: Sequence[Experiment], model: Model, parameters: Sequence[Entry], how: Mapping[str, Any], notify: Notify,
+) -> FitResult:
+    """Return the fit with which a search begins. Parameters of several inputs that the recordings do not determine are
+    named and stay near their start values.
+    """
+    options: dict[str, Any] = {"starts": 2, "max_evaluations": 100, "time_step": how["time_step"],
+                               "weighting": how["weighting"], "loss": how["loss"], "rng": how["rng"]}  # fmt: skip
+    try:
+        return fit(train, model, parameters, **options)
+    except FitError as error:
+        if len(model.chambers) < 2:
+            raise
+        found = fit(train, model, parameters, regularise=True, **options)
+        notify(f"warning: {error}")
+        return found
