@@ -11,8 +11,9 @@ from matplotlib import animation
 from pliant.errors import InputError
 from pliant.selection import ModelSelection, SelectionStep
 from pliant.validation import figures
-from pliant.validation.draw import map_error, selection_figure, shape_figure
+from pliant.validation.draw import map_error
 from pliant.validation.motion import body_film
+from pliant.validation.selection_figures import selection_figure, shape_figure
 
 
 def legend(figure):
