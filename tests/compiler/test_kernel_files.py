@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pliant.compiler import cache, kernel_cache
-from pliant.compiler.kernel_cache import DAY, alone, evict, kernel_of, mark_used
+from pliant.compiler.kernel_files import DAY, alone, evict, kernel_of, mark_used
 
 NOW = 1_700_000_000.0
 
@@ -137,7 +137,7 @@ def test_a_folder_without_locks_costs_nothing(tmp_path: Path, monkeypatch: pytes
     """No lock file can be opened, or the file system has no locks."""
     with alone(tmp_path / "none" / "kernel.lock") as free:
         assert free
-    monkeypatch.setattr("pliant.compiler.kernel_cache.fcntl.flock", full)
+    monkeypatch.setattr("pliant.compiler.kernel_files.fcntl.flock", full)
     with alone(tmp_path / "kernel.lock") as free:
         assert free
     assert first_call(tmp_path, monkeypatch) == []

@@ -15,7 +15,7 @@ import numba
 from numba import njit, types
 from numba.core.compiler_lock import global_compiler_lock
 
-from pliant.compiler.kernel_cache import alone
+from pliant.compiler.kernel_files import alone
 
 try:
     from pliant.compiler import kernel_cache
