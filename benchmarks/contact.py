@@ -35,10 +35,9 @@ from pliant.exporters.provenance import Provenance
 from pliant.model import Chamber, Model, Space, Station, chain_model
 from pliant.recording import make_recording
 from pliant.study.dense import body_of_fibre
-from pliant.testbed.contact import Circle
 from pliant.testbed.laboratory import RECORD, SUPPLY_STEP, Laboratory, generate, record
 from pliant.testbed.rod import actuator
-from pliant.testbed.scenarios import Command, Scenario, scenario
+from pliant.testbed.scenarios import Circle, Command, Scenario, scenario
 from pliant.testbed.stepping import RodMotion, simulate
 from pliant.testbed.valve import supply_pressure
 

@@ -20,7 +20,7 @@ import numpy as np
 from harness import Case, measured
 
 from pliant.control import Limits, SupplyValve, Task, Tuning, prepare_control
-from pliant.control.activity import command_activity, settling_time
+from pliant.control.rehearsal import command_activity, settling_time
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
 from pliant.mechanics import mechanics_of
 from pliant.model import load_model

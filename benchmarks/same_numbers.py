@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 import pliant
-from pliant.contact.moment_arms import moment_arms
+from pliant.contact.locate import moment_arms
 from pliant.contact.residual import static_residual
 from pliant.model import Extension, Memory, Valve
 from pliant.recording import make_recording

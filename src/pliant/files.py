@@ -12,12 +12,12 @@ import stat
 import tempfile
 import time
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from hashlib import file_digest, sha256
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pliant.errors import InputError, clipped
 
@@ -116,8 +116,8 @@ def replaced_together(folder: Path, names: Sequence[str]) -> Iterator[Path]:
             if time.time() - old.stat().st_mtime > ABANDONED:
                 shutil.rmtree(old)
     try:
-        with tempfile.TemporaryDirectory(prefix=DRAFTS, dir=folder, ignore_cleanup_errors=True) as made:
-            draft = Path(made)
+        with tempfile.TemporaryDirectory(prefix=DRAFTS, dir=folder, ignore_cleanup_errors=True) as temporary:
+            draft = Path(temporary)
             yield draft
             for name in names:
                 on_disk(draft / name)
@@ -196,8 +196,8 @@ def hdf5_bytes(head: bytes) -> int:
     """
     if not head.startswith(b"\x89HDF\r\n\x1a\n"):
         return -1
-    at = {0: 40, 1: 44}.get(head[8], 28)
-    return int.from_bytes(head[at : at + 8], "little")
+    offset = {0: 40, 1: 44}.get(head[8], 28)
+    return int.from_bytes(head[offset : offset + 8], "little")
 
 
 def write_new(path: str | Path, text: str, mode: int = 0o666) -> Path:
@@ -373,3 +373,59 @@ def _problem(content: Any) -> str:
         elif isinstance(value, (int, float)) and not abs(value) <= LARGEST_NUMBER:  # true for NaN too
             return f"holds a number that is NaN or larger than {LARGEST_NUMBER:g} at '{clipped(where)}'"
     return ""
+
+
+class FileKind(NamedTuple):
+    """A kind of file: its name in a sentence, and what to do with it."""
+
+    name: str
+    use: str
+
+
+MODEL = FileKind("a model", "pass it to `pliant simulate`, `pliant view` or `pliant export`, or as --model to `pliant "
+                 "estimate`, `pliant contact` or `pliant sweep`")  # fmt: skip
+METRICS = FileKind("the metrics of a run", "the model of that run is model.json in the same folder, and `pliant "
+                   "figures` takes the folder")  # fmt: skip
+STUDY = FileKind("a study", "run it by `pliant run`, which writes the model and the report")
+SWEEP = FileKind("a sweep", "pass it to `pliant sweep`, with --model")
+MAPPING = FileKind("a mapping, which describes the columns of a table", "pass it with --mapping")
+RECORDING = FileKind("a recording", "look at it by `pliant inspect`, and write a study for it by `pliant new "
+                     "STUDY.toml --from FILE`")  # fmt: skip
+ENTRIES = (".toml", ".json")
+RECORDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".nc", ".nc4", ".cdf", ".h5", ".hdf5", ".c3d", ".npz", ".mat",
+              ".lvm", ".tdms", ".mcap", ".db3")  # fmt: skip
+
+
+def kind_of_file(path: Path) -> FileKind | None:
+    """Return the kind of a file by its entries (TOML, JSON) or else by its ending; None if it shows neither."""
+    suffix = path.suffix.lower()
+    if suffix in RECORDINGS:
+        return RECORDING
+    if suffix not in ENTRIES or not path.is_file():
+        return None
+    try:
+        content = read_entries(path, "file")
+    except InputError:
+        return None
+    return kind_of_entries(content) if isinstance(content, Mapping) else None
+
+
+def kind_of_entries(content: Mapping[str, Any]) -> FileKind | None:
+    """Return the kind of a TOML or JSON file with these entries; None if they show none."""
+    schema = str(content.get("schema_name", content.get("schema")))
+    if schema == "pliant-metrics":
+        return METRICS
+    if schema == "pliant-model" or "link_length" in content:
+        return MODEL
+    if {"recordings", "actuator", "fits"} & set(content):
+        return STUDY
+    if set(content) == {"sweep"}:
+        return SWEEP
+    return MAPPING if {"points", "stations", "length_unit", "pressure", "delimiter"} & set(content) else None
+
+
+def refuse_other(path: Path, wanted: FileKind) -> None:
+    """Raise InputError if a file is of another kind than `wanted`; the message says which command takes it."""
+    kind = kind_of_file(path)
+    if kind not in (None, wanted):
+        raise InputError(f"{path} is {kind.name}, not {wanted.name}: {kind.use}")

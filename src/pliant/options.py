@@ -33,6 +33,6 @@ def full_signature(
     A keyword without a default is required. Required keywords come first.
     """
     empty, kind = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
-    own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
+    parameters = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
     named = [inspect.Parameter(name, kind, default=defaults.get(name, empty)) for name in names]
-    return inspect.Signature([*own, *sorted(named, key=lambda p: p.default is not empty)])
+    return inspect.Signature([*parameters, *sorted(named, key=lambda p: p.default is not empty)])

@@ -140,9 +140,9 @@ def curvature_fan(ax: Axes, s: ArrayLike, kappa: ArrayLike, rest: ArrayLike, *, 
     """
     millimetres = np.asarray(s) * 1e3
     profiles = np.asarray(kappa)
-    shown = profiles[np.unique(np.linspace(0, len(profiles) - 1, min(most, len(profiles))).astype(int))]
-    for k, profile in enumerate(shown):
-        label = f"{len(shown)} of {len(profiles)} frames" if k == 0 else None
+    drawn = profiles[np.unique(np.linspace(0, len(profiles) - 1, min(most, len(profiles))).astype(int))]
+    for k, profile in enumerate(drawn):
+        label = f"{len(drawn)} of {len(profiles)} frames" if k == 0 else None
         ax.plot(millimetres, profile, color="0.45", linestyle="-", linewidth=0.4, alpha=0.7, label=label)
     ax.plot(millimetres, np.asarray(rest), color="white", linestyle="-", linewidth=3.6)
     ax.plot(millimetres, np.asarray(rest), color=REST_COLOUR, linestyle="-", linewidth=2.2, label="rest")
@@ -164,8 +164,8 @@ def error_by_order(
     bound : float, m, optional
     """
     orders = sorted(errors)
-    shown = orders if len(orders) <= most + 1 else [*orders[:most], orders[-1]]
-    for n in shown:
+    drawn = orders if len(orders) <= most + 1 else [*orders[:most], orders[-1]]
+    for n in drawn:
         ax.plot(np.asarray(time), np.asarray(errors[n]) * 1e3, label=f"n = {n}", linewidth=0.9)
     if bound is not None:
         ax.axhline(bound * 1e3, color="0.3", linestyle="-", linewidth=0.6)
@@ -176,7 +176,7 @@ def error_by_order(
         )  # fmt: skip
     ax.set(xlabel="time (s)", ylabel="largest error (mm)")
     decades(ax)
-    columns = len(shown) if WIDTH.get() >= NARROW else 3
+    columns = len(drawn) if WIDTH.get() >= NARROW else 3
     ax.legend(loc="lower center", ncols=columns, bbox_to_anchor=(0.5, 1.0), columnspacing=1.2)
 
 
@@ -245,32 +245,32 @@ def recording_overview(recording: Any, *, most: int = 5) -> Figure:
     spread from base to tip.
     """
     inputs = recorded_inputs(recording)
-    units = list(dict.fromkeys(one.unit for one in inputs))
+    units = list(dict.fromkeys(entry.unit for entry in inputs))
     if "position" in recording:
-        places, labels = (
+        motion, labels = (
             1e3 * recording["position"].values,
             [f"displacement {a} (mm)" for a in recording["axis"].values],
         )
     else:
-        places, labels = np.degrees(recording["angle"].values)[..., None], ["angle from its start (deg)"]
+        motion, labels = np.degrees(recording["angle"].values)[..., None], ["angle from its start (deg)"]
     names = [str(s) for s in recording["station"].values]
-    shown = sorted(set(np.linspace(0, len(names) - 1, min(most, len(names))).round().astype(int)))
-    moved = places - np.nanmedian(places[: 10 if "position" in recording else 3], axis=0)
+    drawn = sorted(set(np.linspace(0, len(names) - 1, min(most, len(names))).round().astype(int)))
+    moved = motion - np.nanmedian(motion[: 10 if "position" in recording else 3], axis=0)
     rows = len(labels) + len(units)
     with style():
         figure, panels = new_figure(rows, 1, height=1.3 * rows + 0.6, sharex=True, squeeze=False)
         for k, (ax, label) in enumerate(zip(panels[:, 0], labels, strict=False)):
-            for i in shown:
+            for i in drawn:
                 ax.plot(recording["time"].values, moved[:, i, k], label=names[i])
             ax.set_ylabel(label)
-        panels[0, 0].legend(ncols=len(shown), loc="lower right", bbox_to_anchor=(1, 1))
+        panels[0, 0].legend(ncols=len(drawn), loc="lower right", bbox_to_anchor=(1, 1))
         for ax, unit in zip(panels[len(labels) :, 0], units, strict=True):
             factor, shown_unit = shown_in(unit)
-            own = [one for one in inputs if one.unit == unit]
-            for one in own:
-                ax.plot(one.time, factor * one.values, label=one.name)
-            if len(own) > 1:
-                ax.legend(ncols=len(own), loc="lower right", bbox_to_anchor=(1, 1))
+            same_unit = [entry for entry in inputs if entry.unit == unit]
+            for entry in same_unit:
+                ax.plot(entry.time, factor * entry.values, label=entry.name)
+            if len(same_unit) > 1:
+                ax.legend(ncols=len(same_unit), loc="lower right", bbox_to_anchor=(1, 1))
             ax.set_ylabel(f"{input_words([unit])[0].replace('pressure', 'gauge pressure')} ({shown_unit})")
         panels[-1, 0].set_xlabel("time (s)")
         figure.align_ylabels()

@@ -92,21 +92,21 @@ def identifiers(names: Iterable[object], taken: Iterable[str] = ()) -> tuple[str
     >>> identifiers(["left tip", "left_tip", "left/tip"])
     ('left_tip_2', 'left_tip', 'left_tip_3')
     """
-    given = [str(name) for name in names]
+    texts = [str(name) for name in names]
     used = set(taken)
-    kept = {name for name in given if is_identifier(name) and name not in used}
-    used |= kept
+    valid = {name for name in texts if is_identifier(name) and name not in used}
+    used |= valid
     result: list[str] = []
-    for name in given:
-        if name in kept:
-            kept.remove(name)
+    for name in texts:
+        if name in valid:
+            valid.remove(name)
             result.append(name)
             continue
-        made = stem = escaped(name, "identifier")
+        candidate = stem = escaped(name, "identifier")
         number = 1
-        while made in used:
+        while candidate in used:
             number += 1
-            made = f"{stem[: LONGEST - len(str(number)) - 1]}_{number}"
-        used.add(made)
-        result.append(made)
+            candidate = f"{stem[: LONGEST - len(str(number)) - 1]}_{number}"
+        used.add(candidate)
+        result.append(candidate)
     return tuple(result)

@@ -111,9 +111,9 @@ def input_words(units: Iterable[str]) -> tuple[str, str]:
     """Return a word for inputs of these SI units, such as "pressure" for Pa, and the units in which figures show them,
     such as kPa.
     """
-    found = list(dict.fromkeys(units))
-    word = (KIND_OF | {"rad": "motor angle"})[found[0]] if len(found) == 1 else "input"
-    return word, ", ".join(shown_in(unit)[1] for unit in found)
+    distinct = list(dict.fromkeys(units))
+    word = (KIND_OF | {"rad": "motor angle"})[distinct[0]] if len(distinct) == 1 else "input"
+    return word, ", ".join(shown_in(unit)[1] for unit in distinct)
 
 
 def in_words(values: Any, unit: str) -> str:

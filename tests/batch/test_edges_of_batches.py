@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pliant.actuators import chen2018
-from pliant.batch import schedule
+from pliant.batch import simd as schedule
 from pliant.batch.batch import initial_state
 from pliant.batch.one_by_one import expanded, sets_of
 from pliant.batch.samples import gather
-from pliant.batch.schedule import Schedule
+from pliant.batch.simd import Schedule
 from pliant.batch.stepper import batch_stepper
 from pliant.compiler.simd import WIDTH, aligned
 from pliant.errors import InputError

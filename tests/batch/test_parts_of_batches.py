@@ -11,8 +11,7 @@ from pliant.batch import simd
 from pliant.batch.batch import check_choices, check_steps, initial_state, labelled, one_by_one, simulate_batch
 from pliant.batch.one_by_one import check_names, dimensions, samples_alone, sets_of
 from pliant.batch.samples import gather, repeated
-from pliant.batch.schedule import Schedule
-from pliant.batch.simd import Groups, constant_arrays, in_groups, outputs
+from pliant.batch.simd import Groups, Schedule, constant_arrays, in_groups, outputs
 from pliant.batch.stepper import batch_stepper, pool_of
 from pliant.compiler.simd import WIDTH
 from pliant.errors import InputError, SimulationError

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from chains import awkward_chain
 
-from pliant.batch import schedule, simd, simd_loops, stepper
+from pliant.batch import simd, simd_loops, stepper
+from pliant.batch import simd as schedule
 from pliant.batch.batch import simulate_batch
 from pliant.batch.stepper import batch_stepper
 from pliant.compiler.simd import WIDTH

@@ -25,7 +25,7 @@ from pliant.recording.netcdf import write_netcdf
 from pliant.study.run import prepare_all
 from pliant.study.schema import Study
 from pliant.testbed import Laboratory, generate
-from pliant.testbed.mocap import BASE
+from pliant.testbed.laboratory import BASE
 from pliant.testbed.rod import CHAMBERS, RodParameters, actuator, build_body
 
 LINKS = 6

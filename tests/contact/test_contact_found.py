@@ -11,7 +11,7 @@ from pliant.contact import find_contact, free_motion, locate
 from pliant.contact.contact import episodes, filtered_free_motion
 from pliant.contact.free_motion import FreeMotion, Sudden, cumulative, excursions, tail
 from pliant.contact.likelihood_ratio import InnovationResponse, likelihood_ratio
-from pliant.contact.moment_arms import moment_arms
+from pliant.contact.locate import moment_arms
 from pliant.contact.occupancy_map import probing_contacts_of
 from pliant.contact.residual import momentum_residual, static_residual
 from pliant.equations.contact import point_force

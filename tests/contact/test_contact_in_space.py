@@ -15,8 +15,7 @@ from typer.testing import CliRunner
 
 from pliant.cli.contact import contact as command
 from pliant.contact import find_contact, free_motion, locate, map_contacts, static_residual
-from pliant.contact.locate import points
-from pliant.contact.moment_arms import moment_arms
+from pliant.contact.locate import moment_arms, points
 from pliant.errors import InputError
 from pliant.exporters.mjcf import controls, mjcf
 from pliant.exporters.provenance import Provenance

@@ -12,7 +12,7 @@ from scipy.optimize import root
 
 import pliant
 from pliant.contact import find_contact, free_motion, locate, static_residual
-from pliant.contact.moment_arms import curve_at, moment_arms
+from pliant.contact.locate import curve_at, moment_arms
 from pliant.errors import InputError
 from pliant.estimation import Noise
 from pliant.mechanics import mechanics_of

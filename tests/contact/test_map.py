@@ -7,8 +7,7 @@ import pytest
 import xarray as xr
 
 from pliant.contact import map_contacts
-from pliant.contact.map_file import save_map
-from pliant.contact.occupancy_map import ProbingContacts, fused
+from pliant.contact.occupancy_map import ProbingContacts, fused, save_map
 from pliant.errors import InputError
 
 CENTRE, RADIUS = np.array([-0.08, 0.12]), 0.03

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.contact.moment_arms import curve_at, mean_moment_arm, moment_arms
+from pliant.contact.locate import curve_at, mean_moment_arm, moment_arms
 from pliant.equations.contact import point_force
 from pliant.model import chain_model
 

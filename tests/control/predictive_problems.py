@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from pliant.control import Limits, Mpc, design_outputs
-from pliant.control.quadratic_program import QuadraticProgram
+from pliant.control.mpc import QuadraticProgram
 from pliant.errors import InputError
 from pliant.estimation import State
 from pliant.mechanics import mechanics_of

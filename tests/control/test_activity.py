@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.control.activity import STILL_S, command_activity, settling_time, settling_times
+from pliant.control.rehearsal import STILL_S, command_activity, settling_time, settling_times
 
 TIME = np.arange(0.0, 2.0, 0.01)
 

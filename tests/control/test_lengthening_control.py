@@ -24,7 +24,7 @@ from pliant.control import (
 from pliant.control.model_plant import ModelPlant
 from pliant.errors import InputError
 from pliant.estimation import Frame, KalmanFilter, State, frozen, rows_of
-from pliant.estimation.link_tips import with_rest_shape
+from pliant.estimation.link_angles import with_rest_shape
 from pliant.linear.linearisation import linearise
 from pliant.loop import Bounds, ControlLoop, LoopLog, VirtualActuator, VirtualClock, Watchdog, log_columns
 from pliant.loop.task import run_task

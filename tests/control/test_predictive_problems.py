@@ -6,7 +6,7 @@ import numpy as np
 import predictive_problems
 import pytest
 
-from pliant.control.quadratic_program import QuadraticProgram
+from pliant.control.mpc import QuadraticProgram
 from pliant.errors import InputError
 
 

@@ -28,7 +28,7 @@ from pliant.control import (
 )
 from pliant.control.horizon import Horizon
 from pliant.control.model_plant import ModelPlant
-from pliant.control.quadratic_program import QuadraticProgram
+from pliant.control.mpc import QuadraticProgram
 from pliant.errors import InputError
 from pliant.estimation import State
 from pliant.linear import linearise

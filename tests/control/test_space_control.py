@@ -29,9 +29,9 @@ from pliant.equations import spatial, spatial_observation
 from pliant.equations.observation import outputs
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, State
-from pliant.estimation.link_tips import LinkTips, with_rest_shape
+from pliant.estimation.link_angles import LinkTips, with_rest_shape
 from pliant.loop import Bounds, ControlLoop, VirtualActuator, VirtualClock, Watchdog
-from pliant.loop.intake import streams
+from pliant.loop.run import streams
 from pliant.loop.sample import sample
 from pliant.loop.task import run_task
 from pliant.mechanics import mechanics_of

@@ -15,7 +15,7 @@ from pliant.errors import InputError
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import fit
 from pliant.loop import Bounds, VirtualActuator, VirtualClock, Watchdog, log_columns, read_log, receiver_of
-from pliant.loop.intake import streams
+from pliant.loop.run import streams
 from pliant.loop.sample import sample
 from pliant.loop.task import check_units
 from pliant.mechanics import mechanics_of

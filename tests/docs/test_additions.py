@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from pliant.cli.export import export as export_command
-from pliant.control import registry as controllers
+from pliant.control import contract as controllers
 from pliant.equations.spring_terms import SPRING_TERMS
-from pliant.estimation import registry as estimators
+from pliant.estimation import contract as estimators
 from pliant.exporters import registry as exporters
 from pliant.identification.names import find_path
 from pliant.model.torque_law import law_parameters

@@ -18,9 +18,9 @@ from pliant.cli import app
 from pliant.cli.new import new
 from pliant.recording.arrays import ArrayMapping
 from pliant.recording.bag import BagMapping
-from pliant.recording.column_mapping import ColumnMapping
+from pliant.recording.column_arrays import ColumnMapping
 from pliant.recording.curvature import CurvatureMapping
-from pliant.recording.per_file import options_of
+from pliant.recording.mapping import options_of
 from pliant.sensing.cores import Cores
 from pliant.study import load_study
 from pliant.study.schema import Recording, Study

@@ -27,7 +27,7 @@ from pliant.equations.chamber import (
 )
 from pliant.equations.section import torque
 from pliant.equations.symbols import ActuationConstants, ChamberConstants, Interval
-from pliant.model.wall import rest_growth
+from pliant.model.actuation_input import rest_growth
 
 
 @pytest.mark.parametrize("terms", [1, 2, 4])

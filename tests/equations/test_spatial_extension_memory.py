@@ -17,8 +17,7 @@ from pliant.equations.spatial_extension_memory import (
 from pliant.equations.symbols import AxialMemoryLaw, Past, SpatialHeld
 from pliant.mechanics import mechanics_of
 from pliant.model import Extension, Memory, Model, Space, chain_model
-from pliant.simulation.memory import memory_energy
-from pliant.simulation.state import equilibrium, modes, relaxed
+from pliant.simulation.state import equilibrium, memory_energy, modes, relaxed
 
 SEGMENTS = (Extension(90.0, 2.0, 0.0, 0.1, "near"), Extension(120.0, 2.0, 0.1, None, "far"))
 BODY = {"length": 0.2, "mass": 0.15, "links": 3, "joint_placement": "midsegment", "stiffness": 0.9, "damping": 2e-2,

@@ -11,7 +11,7 @@ from pliant.errors import InputError
 from pliant.estimation import adaptive_observer, kalman_loops
 from pliant.estimation.adaptive_observer import AdaptiveObserver
 from pliant.estimation.contract import Frame
-from pliant.estimation.link_tips import LinkTips, with_rest_angles, with_rest_shape
+from pliant.estimation.link_angles import LinkTips, with_rest_angles, with_rest_shape
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.symbols import FilterNoise, FilterState
 from pliant.model import Extension, Memory, Model

@@ -10,7 +10,7 @@ import pytest
 from pliant import plugins
 from pliant.errors import InputError
 from pliant.estimation import EstimatorKind, KalmanFilter, LinkAngles, Setting, State, estimators, frozen
-from pliant.estimation import registry as registered
+from pliant.estimation import contract as registered
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Memory, chain_model
 from pliant.simulation import Trace, simulate
@@ -173,7 +173,7 @@ def test_a_filter_begins_with_its_first_event(body):
 
 
 def test_every_built_in_estimator_and_controller_loads():
-    from pliant.control import registry as controllers
+    from pliant.control import contract as controllers
 
     assert {n: k.name for n, k in estimators().items()} == {n: n for n in registered.BUILT_IN}
     assert {n: k.name for n, k in controllers.controllers().items()} == {n: n for n in controllers.BUILT_IN}

@@ -10,8 +10,7 @@ import pytest
 from pliant.errors import InputError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import correct_all
-from pliant.estimation.kalman_loops import add_noise, chain_transition, propagate, update
-from pliant.estimation.link_angle_loops import joint_values
+from pliant.estimation.kalman_loops import add_noise, chain_transition, joint_values, propagate, update
 from pliant.estimation.offline import smooth
 
 

@@ -8,7 +8,7 @@ import pytest
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, kalman, offline
 from pliant.estimation.differences import Differences
-from pliant.estimation.link_tips import with_rest_angles
+from pliant.estimation.link_angles import with_rest_angles
 from pliant.estimation.measurement import check_frame, flips, rows_of
 from pliant.model import Extension, Station, chain_model
 from pliant.recording import make_recording

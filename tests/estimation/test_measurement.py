@@ -8,7 +8,7 @@ import pytest
 from pliant.equations.observation import ALONG_X, ALONG_Y, ANGLE, JOINT
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise
-from pliant.estimation.link_tips import LinkTips, with_rest_shape
+from pliant.estimation.link_angles import LinkTips, with_rest_shape
 from pliant.estimation.measurement import measurement_of, rows_of
 from pliant.estimation.noise import default_noise
 from pliant.estimation.offline import averaged, mean_bounds, nees, whiteness

@@ -13,8 +13,7 @@ from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, LinkAngles, Noise, estimate, frozen
 from pliant.estimation.adaptive_observer import AdaptiveObserver, in_torques, stationary, with_shifts
 from pliant.estimation.differences import Differences
-from pliant.estimation.link_angles import calibrated, joint_rows, needs_joint_rows
-from pliant.estimation.link_tips import LinkTips
+from pliant.estimation.link_angles import LinkTips, calibrated, joint_rows, needs_joint_rows
 from pliant.estimation.measurement import Measurement, bends_away, measurement_of, row_width, rows_of
 from pliant.estimation.noise import default_noise, scales
 from pliant.estimation.offline import (

@@ -21,8 +21,7 @@ from pliant.exporters.provenance import Provenance
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Memory, Model, Valve
 from pliant.simulation import Stepper, Trace, simulate
-from pliant.simulation.accuracy import AccuracyWarning
-from pliant.simulation.time_step import resolving_step
+from pliant.simulation.time_step import AccuracyWarning, resolving_step
 
 VALVES = [Valve(), Valve(rise_time=0.03, fall_time=0.05), Valve(rise_time=0.02, rise_rate=4e5, fall_rate=8e5)]
 MEMORIES = [

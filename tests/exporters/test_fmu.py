@@ -16,7 +16,7 @@ from target_models import EVERY_BRANCH, flat_longer, longer, pulled
 import pliant
 from pliant.actuators import chen2018
 from pliant.exporters import fmu
-from pliant.exporters.fmu_variables import base_units, variables
+from pliant.exporters.fmu import base_units, variables
 from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Valve
 from pliant.simulation import Stepper

@@ -10,7 +10,7 @@ import pytest
 
 from pliant.actuators import chen2018
 from pliant.errors import InputError
-from pliant.exporters.fibre_view import FibreView
+from pliant.exporters.gymnasium import FibreView
 from pliant.exporters.randomisation import draw_models
 from pliant.model import save_model
 from pliant.simulation import simulate

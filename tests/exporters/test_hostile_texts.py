@@ -27,8 +27,7 @@ from hostile_models import (
 
 import pliant
 from pliant.exporters.fmu import compiled
-from pliant.exporters.names import with_identifiers
-from pliant.exporters.registry import BUILT_IN, exporters
+from pliant.exporters.registry import BUILT_IN, exporters, with_identifiers
 from pliant.model import Model
 
 ENDS = {name: e.suffixes[0] for name, e in exporters().items()} | {"state-space": ".npz"}

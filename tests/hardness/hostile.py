@@ -21,13 +21,13 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.errors import PliantError
 from pliant.loop import Bounds, SystemClock, UdpSink, UdpSource, ValveReceiver, Watchdog, sample
-from pliant.loop.intake import streams
-from pliant.loop.packet import pack, unpack
+from pliant.loop.run import streams
+from pliant.loop.sample import pack, unpack
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, load_model, save_model
-from pliant.model.physical import check_physical
-from pliant.simulation.accuracy import AccuracyWarning
+from pliant.model.model import check_physical
 from pliant.simulation.balance import in_play, stored_energy
+from pliant.simulation.time_step import AccuracyWarning
 from pliant.study import load_study
 
 NUMBERS = (0, -0.0, -1, 1, 1e-320, 5e-324, 1e-30, 1e30, 1e150, 1e308, -1e308, 10**400, float("nan"), float("inf"), True,

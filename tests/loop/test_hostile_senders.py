@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.loop import SystemClock, UdpSink, UdpSource, ValveReceiver, VirtualClock, ZmqSink, ZmqSource, sample
 from pliant.loop.keyed import ANSWER, MOST_SESSIONS, TAG, WINDOW, Sealer, Sessions, new_key, read_key
 from pliant.loop.network import refuse_open_host
-from pliant.loop.packet import pack
+from pliant.loop.sample import pack
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(range(1, 33))
 HOUR, MS, FOREVER = 3600 * 10**9, 10**6, 2**63 - 1  # ns

@@ -17,7 +17,7 @@ from test_loop_faults import PERIOD, Bench
 
 from pliant.errors import InputError
 from pliant.loop import LoopLog, SystemClock, UdpSink, UdpSource, ValveReceiver, VirtualClock, read_log, sample
-from pliant.loop.packet import HEAD, OLD_HEAD, pack, unpack
+from pliant.loop.sample import HEAD, OLD_HEAD, pack, unpack
 
 NS = round(PERIOD * 1e9)
 

@@ -38,7 +38,7 @@ from pliant.loop import (
     read_log,
     sample,
 )
-from pliant.loop.packet import pack, unpack
+from pliant.loop.sample import pack, unpack
 from pliant.loop.task import make_plant
 from pliant.recording import make_recording
 

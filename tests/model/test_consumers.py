@@ -17,7 +17,7 @@ from pliant.batch.batch import simulate_batch
 from pliant.batch.stepper import BATCH_STEPPER, batch_stepper
 from pliant.contact.residual import MOMENTUM_RESIDUAL, STATIC_RESIDUAL, momentum_residual, static_residual
 from pliant.control.design import design_outputs
-from pliant.control.limits import Limits
+from pliant.control.tuning import Limits
 from pliant.control.valve import CONTROL
 from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import OBSERVER, AdaptiveObserver

@@ -13,10 +13,10 @@ from pliant.errors import InputError
 from pliant.model import Chamber, Extension, Memory, Model, Station, Tendon, Valve, chain_model, summary
 from pliant.model import file as model_file
 from pliant.model.actuation import LEAST, Actuation
+from pliant.model.actuation_input import rest_of_gent
 from pliant.model.extension import shares
 from pliant.model.memory import payne
 from pliant.model.space import Space
-from pliant.model.wall import rest_of_gent
 
 SIZES = {"link_length": [0.1, 0.2], "link_mass": [0.02, 0.03], "stiffness": [1.5, 2.0], "damping": 0.01}
 PLAIN = Model(**SIZES, torque=[1e-6])

@@ -9,10 +9,10 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.model import Chamber, Model
-from pliant.model.limits import MOST_TERMS
+from pliant.model.actuation_input import rest_growth
 from pliant.model.memory import payne, springpot
 from pliant.model.parts import declared
-from pliant.model.wall import rest_growth
+from pliant.model.quantity import MOST_TERMS
 
 LIMITS = {d.name: d.quantity for d in declared() if math.isfinite(d.quantity.most)}
 SIZES = {"link_length": 0.1, "link_mass": 0.05, "stiffness": 0.5}

@@ -18,8 +18,8 @@ from pliant.model.extension import shares
 from pliant.model.inertia import inertia_constants
 from pliant.model.memory import payne, springpot
 from pliant.model.parts import declared
-from pliant.model.section import bending_stiffness, joint_placement, segments
 from pliant.model.space import Space, rows_of, space_of
+from pliant.model.summary import bending_stiffness, joint_placement, segments
 from pliant.model.torque_law import laid_torque, unfinished_law
 
 LIMITS = {d.name: d.quantity for d in declared() if np.isfinite(d.quantity.most)}

@@ -41,7 +41,7 @@ SWAPPED = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "cei
 class Mutant(NamedTuple):
     """One change of one file."""
 
-    module: str  # as src/pliant/model/limits.py
+    module: str  # as src/pliant/model/quantity.py
     start: tuple[int, int]  # line and byte of it
     end: tuple[int, int]
     text: str  # what stands there now

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pliant.preprocessing.clock_drift import input_events
 from pliant.preprocessing.lag_model import begins_high, pressure_course, second_order
 from pliant.preprocessing.quality import quality
-from pliant.preprocessing.sync import sync
+from pliant.preprocessing.sync import input_events, sync
 from pliant.recording import make_recording
 
 STEP = 2e-3  # s of the simulated course

@@ -7,10 +7,9 @@ import pytest
 from scipy.interpolate import BarycentricInterpolator
 
 from pliant.errors import InputError
-from pliant.preprocessing import curvature_fit
+from pliant.preprocessing import curvature as curvature_fit
 from pliant.preprocessing.cap import CapTemplate, find_tip
-from pliant.preprocessing.curvature import curvature_of, savgol_curvature
-from pliant.preprocessing.curvature_fit import _Model, fit_curvature
+from pliant.preprocessing.curvature import _Model, curvature_of, fit_curvature, savgol_curvature
 from pliant.preprocessing.cut import cut_body
 from pliant.recording import make_recording
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pliant.preprocessing.curvature_fit import legendre_basis, legendre_integrals, legendre_roughness
+from pliant.preprocessing.curvature import legendre_basis, legendre_integrals, legendre_roughness
 
 
 @pytest.mark.parametrize("terms", [1, 2, 5, 12])

@@ -22,8 +22,7 @@ from pliant.preprocessing.base import (
 )
 from pliant.preprocessing.cap import CapTemplate, _consensus, find_tip
 from pliant.preprocessing.clusters import _fixes_orientation, _mean_shape, _poses, assemble
-from pliant.preprocessing.curvature import curvature_of, differences, savgol_curvature, turning
-from pliant.preprocessing.curvature_fit import _Model, fit_curvature
+from pliant.preprocessing.curvature import _Model, curvature_of, differences, fit_curvature, savgol_curvature, turning
 from pliant.preprocessing.plausibility import Case, body, pressure, shape
 from pliant.preprocessing.rotations import angle_about, continuous, from_matrix, mean_rotation, to_matrix
 from pliant.recording import make_recording

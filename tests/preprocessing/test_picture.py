@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from pliant.preprocessing.picture import on_plane, recording_svg
+from pliant.preprocessing.labels import on_plane, recording_svg
 from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording
 

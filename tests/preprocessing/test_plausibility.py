@@ -10,7 +10,7 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.model import Tendon, chain_model
-from pliant.model.section import bending_stiffness, joint_placement
+from pliant.model.summary import bending_stiffness, joint_placement
 from pliant.preprocessing.align import align
 from pliant.preprocessing.labels import exclude_swaps, label_order, undo_swaps
 from pliant.preprocessing.plausibility import CHECKS, Case, doubts

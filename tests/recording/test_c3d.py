@@ -12,7 +12,7 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.recording import read
-from pliant.recording.c3d_facts import DEC, INTEL, MIPS, one_float
+from pliant.recording.c3d import DEC, INTEL, MIPS, one_float
 
 
 @pytest.fixture

@@ -16,9 +16,8 @@ from pliant.recording.apart_bag import inertial
 from pliant.recording.apart_mat5 import Variables
 from pliant.recording.bag import last_parts
 from pliant.recording.inclination import turning_angles
-from pliant.recording.mat import fields_of, in_round_brackets
-from pliant.recording.per_file import joined_mappings, options_of, refuse_idle
-from pliant.recording.trials import trials_of
+from pliant.recording.mapping import joined_mappings, options_of, refuse_idle
+from pliant.recording.mat import fields_of, in_round_brackets, trials_of
 from pliant.study.first_reading import shape_of, with_logs
 
 TIP = {"rate_hz": 10, "length_unit": "mm", "stations": {"tip": {"position": ["x", "y", "z"]}}}

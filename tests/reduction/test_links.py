@@ -6,8 +6,8 @@ from planar_bodies import LENGTH, arc, wavy
 
 from pliant.errors import InputError
 from pliant.recording import make_recording
-from pliant.reduction import curvature_profile, curvature_shape, links_of, spline_shape
-from pliant.reduction.joints import chain_of, forward_tips, wrap
+from pliant.reduction import links_of, spline_shape
+from pliant.reduction.links import chain_of, forward_tips, wrap
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 8])
@@ -124,44 +124,17 @@ def test_wrap(angle):
     assert np.cos(wrapped) == pytest.approx(np.cos(angle), abs=1e-6)
 
 
-@pytest.mark.parametrize("n", [1, 2, 5])
-@pytest.mark.parametrize("angle", [-2.0, 0.7, 2 * np.pi])
-def test_continuous_curvature_reproduces_a_circle_and_closes_it(n, angle):
-    s = np.linspace(0, LENGTH, 101)
-    knots = np.linspace(0, LENGTH, n + 1)
-    kappa = angle / LENGTH
-    turns = np.array([[kappa * LENGTH / n / 2] + [kappa * LENGTH / n] * (n - 1)])
-    np.testing.assert_allclose(curvature_profile(turns, knots, s), kappa, rtol=1e-9)
-    from planar_bodies import arc_points
-
-    shape = curvature_shape(turns, knots, s)[0]
-    np.testing.assert_allclose(shape, arc_points(kappa, s), atol=1e-12)
-    if angle == 2 * np.pi:
-        np.testing.assert_allclose(shape[-1], 0, atol=1e-12)
-
-
-def test_both_reconstructions_come_close_to_the_body():
+def test_a_reconstruction_comes_close_to_the_body():
     recording, _ = wavy(frames=20)
     s = recording["arc_length"].values
     links = links_of(recording, 6)
     spline = spline_shape(links.tips, links.node_arc_length, s, base=links.base)
-    smooth = curvature_shape(links.joint_angle + links.rest_angle, links.node_arc_length, s, base=links.base)
     body = recording["position"].values
     assert np.linalg.norm(spline - body, axis=2).max() < 0.5e-3
-    assert np.linalg.norm(smooth - body, axis=2).max() < 2e-3
     from pliant.reduction import select_order
 
     expected = select_order(recording, max_order=6).max_error[-1]
     np.testing.assert_allclose(np.linalg.norm(spline - body, axis=2).max(axis=1), expected, rtol=1e-9)
-
-
-def test_continuous_curvature_keeps_the_length():
-    rng = np.random.default_rng(5)
-    knots = np.array([0, 0.03, 0.05, 0.11])
-    s = np.linspace(0, 0.11, 20001)
-    shape = curvature_shape(rng.uniform(-1, 1, (3, 3)), knots, s)
-    length = np.linalg.norm(np.diff(shape, axis=1), axis=2).sum(axis=1)
-    np.testing.assert_allclose(length, 0.11, rtol=1e-8)
 
 
 def test_reconstruction_refuses_what_does_not_fit():
@@ -171,7 +144,3 @@ def test_reconstruction_refuses_what_does_not_fit():
         spline_shape(np.zeros((1, 1, 2)), [0, 0.1], [0])
     with pytest.raises(InputError, match="boundary must be one of"):
         spline_shape(np.zeros((1, 2, 2)), [0, 0.1, 0.2], [0], boundary="periodic")
-    with pytest.raises(InputError, match="need n \\+ 1 node"):
-        curvature_shape(np.zeros((1, 3)), [0, 0.1], [0])
-    with pytest.raises(InputError, match="between 0 and"):
-        curvature_shape(np.zeros((1, 2)), [0, 0.1, 0.2], [0.3])

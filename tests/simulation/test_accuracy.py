@@ -14,10 +14,19 @@ from pliant.actuators import chen2018
 from pliant.errors import InputError, SimulationError
 from pliant.model import Extension, Memory, Model
 from pliant.simulation import extrapolation, solve
-from pliant.simulation.accuracy import AccuracyWarning, step_for, tip_error
 from pliant.simulation.balance import EnergyWarning, energy_defects
 from pliant.simulation.forces import PointForce
-from pliant.simulation.time_step import TOLERANCE, TYPICAL, longest_step, mode_steps, nice, resolving_step
+from pliant.simulation.time_step import (
+    TOLERANCE,
+    TYPICAL,
+    AccuracyWarning,
+    longest_step,
+    mode_steps,
+    nice,
+    resolving_step,
+    step_for,
+    tip_error,
+)
 
 LENGTH, MASS, STIFFNESS = 0.1, 0.05, 0.4
 SWING = Model(link_length=LENGTH, link_mass=MASS, stiffness=STIFFNESS, damping=0.0, torque=[1e-6])

@@ -13,8 +13,8 @@ import pliant
 from pliant.actuators import chen2018
 from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Model
-from pliant.simulation.accuracy import AccuracyWarning
 from pliant.simulation.balance import EnergyWarning, energy_defects
+from pliant.simulation.time_step import AccuracyWarning
 
 HEAVY = Model(
     link_length=[0.02] * 3, link_mass=[0.7] * 3, stiffness=[2.2] * 3, damping=0.0, torque=[1e-6], tip_mass=1.9

@@ -11,8 +11,8 @@ from scipy.optimize import brentq
 import pliant
 from pliant.batch.stepper import batch_stepper
 from pliant.contact import momentum_residual
-from pliant.contact.moment_arms import moment_arms
-from pliant.control.equilibria import equilibria
+from pliant.contact.locate import moment_arms
+from pliant.control.steady_inputs import equilibria
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import AdaptiveObserver, LinkAngles
 from pliant.mechanics import mechanics_of

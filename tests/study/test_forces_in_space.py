@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from pliant.errors import InputError
 from pliant.model import Station
 from pliant.numerics.curve import spatial_curve
-from pliant.preprocessing.alignment import alignment_of
+from pliant.preprocessing.side import alignment_of
 from pliant.recording import make_recording, write
 from pliant.study import load_study
 from pliant.study.prepare import all_aligned

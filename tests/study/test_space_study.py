@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pliant.errors import InputError
 from pliant.numerics.curve import spatial_curve
 from pliant.preprocessing.align import align
-from pliant.preprocessing.alignment import alignment_of
+from pliant.preprocessing.side import alignment_of
 from pliant.recording import make_recording, write
 from pliant.study.body import in_base_frame, study_model
 from pliant.study.body_tables import ActuatorEntry, TendonTable

@@ -9,9 +9,8 @@ import pytest
 from scipy.signal import lsim
 
 from pliant.errors import InputError
-from pliant.testbed.angle_sensor import FLEX, IMU, AngleSensor, observe_angle
 from pliant.testbed.fibre import body_angle
-from pliant.testbed.laboratory import Laboratory, run_rod
+from pliant.testbed.laboratory import FLEX, IMU, AngleSensor, Laboratory, observe_angle, run_rod
 from pliant.testbed.rod import actuator
 from pliant.testbed.scenarios import scenario
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.testbed.contact import Circle, Wall, obstacle_rows
 from pliant.testbed.laboratory import Laboratory, run_rod
 from pliant.testbed.rod import actuator
-from pliant.testbed.scenarios import SCENARIOS
+from pliant.testbed.scenarios import SCENARIOS, Circle, Wall, obstacle_rows
 
 
 @cache

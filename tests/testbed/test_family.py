@@ -9,8 +9,7 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.testbed import SCENARIOS, family_member, generate
-from pliant.testbed.family import FREQUENCY, PRESSURE, RELAXING, SLOW, drawn, member, springpot
-from pliant.testbed.family_ranges import FAMILY
+from pliant.testbed.family import FAMILY, FREQUENCY, PRESSURE, RELAXING, SLOW, drawn, member, springpot
 from pliant.testbed.plant import Plant
 from pliant.testbed.rod import actuator
 from pliant.testbed.valve import Iso6358, SupplyRegulator

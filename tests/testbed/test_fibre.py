@@ -10,7 +10,7 @@ import pytest
 from pliant.errors import InputError
 from pliant.testbed import fibre
 from pliant.testbed.fibre import FibreSensor
-from pliant.testbed.mocap import MotionCapture, marker_names, marker_positions, observe_markers
+from pliant.testbed.laboratory import MotionCapture, marker_names, marker_positions, observe_markers
 from pliant.testbed.rod import RodParameters
 from pliant.testbed.stepping import RodMotion
 

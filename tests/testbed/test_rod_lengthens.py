@@ -14,7 +14,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, chain_model
 from pliant.simulation import equilibrium, modes
 from pliant.testbed import Laboratory, generate
-from pliant.testbed.mocap import MotionCapture
+from pliant.testbed.laboratory import MotionCapture
 from pliant.testbed.rod import ChamberParameters, actuator, build_body
 from pliant.testbed.scenarios import scenario
 from pliant.testbed.stepping import rest_state, settle, simulate

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lti, step
 
 from pliant.errors import InputError
+from pliant.testbed.stepping_loops import GAS_CONSTANT, REFERENCE_DENSITY, Gas, chamber_rate, mass_flow
 from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator, read_pressure, supply_pressure
-from pliant.testbed.valve_loops import GAS_CONSTANT, REFERENCE_DENSITY, Gas, chamber_rate, mass_flow
 
 TIME = np.arange(40_001) * 2.5e-5
 

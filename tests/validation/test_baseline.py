@@ -11,8 +11,18 @@ import pytest
 from pliant.identification import Experiment, FitResult
 from pliant.model import chain_model
 from pliant.simulation import Trace
-from pliant.validation.baseline import better_sentence, plain_map_sentence, with_baseline
-from pliant.validation.explained import DIRECTION, DRIFT, RATE, STATIC, Residual, explained, suggestion
+from pliant.validation.baseline import (
+    DIRECTION,
+    DRIFT,
+    RATE,
+    STATIC,
+    Residual,
+    better_sentence,
+    explained,
+    plain_map_sentence,
+    suggestion,
+    with_baseline,
+)
 from pliant.validation.figures import comparison_figure, record_figure
 from pliant.validation.map_inputs import InputTable
 from pliant.validation.metrics import compare

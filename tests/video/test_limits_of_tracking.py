@@ -473,7 +473,7 @@ def test_a_picture_is_evened_level_by_level():
 
 @pytest.mark.parametrize(("frames", "said"), [(7, r"f\.mp4 has 7 frames, but tracking needs 8 or more"), (8, None)])
 def test_a_film_has_eight_frames_at_least(tmp_path, frames, said):
-    from pliant.video.movie import movie
+    from pliant.video.overlay import movie
 
     with movie(tmp_path / "f.mp4", 25.0, (64, 48)) as write:
         for k in range(frames):

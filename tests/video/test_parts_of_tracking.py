@@ -13,8 +13,7 @@ from pliant.recording.camera import Camera
 from pliant.video import Tracking
 from pliant.video.follow import Follower, _median, longest_run, mask_of, rough_line
 from pliant.video.marks import ChainOfDots, Dots, _markers, chain
-from pliant.video.movie import movie
-from pliant.video.overlay import drawn, overlay
+from pliant.video.overlay import drawn, movie, overlay
 from pliant.video.reel import Reel, open_reel
 from pliant.video.ribbon import BASIS, POINTS, Sampler, crossing, edges, evenly, normals, share
 from pliant.video.silhouette import Stillness

@@ -17,7 +17,7 @@ from pliant.testbed.camera import Look, Scene, Shutter, film_motion
 from pliant.testbed.camera.scene import coverage
 from pliant.video import Tracking, track_video
 from pliant.video.marks import _on_one_body
-from pliant.video.movie import movie
+from pliant.video.overlay import movie
 from pliant.video.track import doubled_and_leaps, lost_in_times
 
 SIDE = replace(VIEW, aside=0.3, tilt=0.12, coefficients=(-0.2, 0.06, 1e-3, -5e-4, 0.0))

@@ -23,7 +23,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, chain_model, save_model
 from pliant.simulation import Stepper, equilibrium
 from pliant.view.live import Live, PageContent, PageRequest, Pull, page_content, sliders_of
-from pliant.view.watched import WatchedLoop
+from pliant.view.server import WatchedLoop
 
 
 @pytest.fixture(scope="module")

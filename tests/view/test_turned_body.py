@@ -23,8 +23,7 @@ from pliant.validation.outcome import RecordOutcome
 from pliant.view.data import Pack, modelled_of, unpack
 from pliant.view.live import Live, PageContent, PageRequest, Pull, sliders_of
 from pliant.view.report import report_page
-from pliant.view.server import BARE_KPA, live_page, ranges
-from pliant.view.watched import WatchedLoop
+from pliant.view.server import BARE_KPA, WatchedLoop, live_page, ranges
 
 NODE = shutil.which("node")
 FIGURES = Path(pliant.view.__file__).with_name("assets") / "figures.js"

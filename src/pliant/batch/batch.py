@@ -10,8 +10,7 @@ import xarray as xr
 
 from pliant.batch.one_by_one import VARIABLES, dimensions, expanded, run_alone, samples_alone, sets_of
 from pliant.batch.samples import Samples, gather, initial_values
-from pliant.batch.schedule import Schedule
-from pliant.batch.simd import run_lanes
+from pliant.batch.simd import Schedule, run_lanes
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model

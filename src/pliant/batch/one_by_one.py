@@ -14,7 +14,6 @@ import numpy as np
 
 from pliant.batch.samples import check_alike, initial_values
 from pliant.compiler.choose import lane_twin
-from pliant.equations.symbols import Past
 from pliant.errors import InputError
 from pliant.identification.parameters import apply, kind_of
 from pliant.mechanics import mechanics_of
@@ -73,9 +72,8 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
     states = state.relaxed(model, chain.joint_coordinates(angle)) if model.memory else np.zeros((model.n, 0))
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0] = angle, rate
-    past = (Past(model.memory.law(), states, chain.held()),) if model.memory else ()
     failed = lane_twin(march_loops.march, *chain.sizes)(
-        angle, rate, steps, chain.body, chain.joints, chain.workspace(), out, *past
+        angle, rate, steps, chain.body, chain.joints, chain.workspace(), out, *chain.past(states)
     )
     if failed != -1:
         return {}, failed if failed >= 0 else -2 - failed  # a link that turns too far, or no agreement
@@ -94,14 +92,14 @@ def samples_alone(
         When their numbers differ, or a model cannot take its inputs.
     """
     if isinstance(models, Model):
-        given = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
-        if wrong := [k for k, v in given.items() if v.ndim != 1]:
+        arrays = {k: np.asarray(v, dtype=float) for k, v in (parameters or {}).items()}
+        if wrong := [k for k, v in arrays.items() if v.ndim != 1]:
             raise InputError(f"batch parameter {wrong[0]!r} must be an array with one number for each sample")
-        check_names(models, {k: float(v[0]) for k, v in given.items() if len(v)})
-        size = max([len(v) for v in given.values()], default=len(sets))
-        if any(len(v) != size for v in given.values()):
+        check_names(models, {k: float(v[0]) for k, v in arrays.items() if len(v)})
+        size = max([len(v) for v in arrays.values()], default=len(sets))
+        if any(len(v) != size for v in arrays.values()):
             raise InputError("all parameters of a batch need the same number of samples: use arrays of equal length")
-        sample_models = [apply(models, {k: float(v[i]) for k, v in given.items()}) for i in range(size)]
+        sample_models = [apply(models, {k: float(v[i]) for k, v in arrays.items()}) for i in range(size)]
     elif parameters:
         raise InputError("give a list of models, or one model with parameters, not both")
     else:
@@ -177,4 +175,4 @@ def run_alone(
         done = list(pool.map(one, range(size)))
     lost = motion_of(model, *np.full((2, times.size, n), np.nan))
     stacked = {k: np.stack([d.get(k, nothing) for d, _ in done]) for k, nothing in lost.items()}
-    return {**stacked, "failed_at": np.array([at for _, at in done])}
+    return {**stacked, "failed_at": np.array([failed_step for _, failed_step in done])}

@@ -104,8 +104,8 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
     both = as_lanes(state)
     phi, w = both[0], both[1]
     lengths, torques = as_lanes(h), as_lanes(torque)
-    kept = Output(as_lanes(out.phi), as_lanes(out.w), as_lanes(out.tips), out.failed)
-    keep_lanes(0, phi, w, where, kept)
+    output = Output(as_lanes(out.phi), as_lanes(out.w), as_lanes(out.tips), out.failed)
+    keep_lanes(0, phi, w, where, output)
     good = (1 << WIDTH) - 1
     for k in range(len(lengths)):
         share_out(0, torques[k], gain, work.tau)
@@ -118,7 +118,7 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
             good &= now
         row = keep[k]
         if row >= 0:
-            keep_lanes(row, phi, w, where, kept)
+            keep_lanes(row, phi, w, where, output)
     return good
 
 

@@ -109,11 +109,11 @@ class OnLanes:
         bodies[k], for k from 0 to M - 1.
         """
         group, lane = np.divmod(which, WIDTH)
-        for name, own in self._pool.items():
+        for name, array in self._pool.items():
             if name in LANES_LAST:
-                self._arrays[name][group, ..., lane] = own[bodies]
+                self._arrays[name][group, ..., lane] = array[bodies]
             else:
-                self._arrays[name][group, lane] = own[bodies]
+                self._arrays[name][group, lane] = array[bodies]
 
     def hold(self, pressure: Array, steps: int) -> Array:
         """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa] in C chambers. Return for

@@ -66,11 +66,11 @@ def contact(
 
         write_figure(contact_overview(results[0]), figure)
     if chart is not None:
-        from pliant.contact.map_file import save_map
+        from pliant.contact.occupancy_map import save_map
 
         save_map(map_contacts(results, half_width=half_width_mm * 1e-3), chart)
-    for path, one in zip(recordings, results, strict=True):
-        numbers = report(one) if not json else {"recording": str(path), **report(one)}
+    for path, result in zip(recordings, results, strict=True):
+        numbers = report(result) if not json else {"recording": str(path), **report(result)}
         print_numbers(numbers, as_json=json, title=str(path), meaning=MEANING)
 
 

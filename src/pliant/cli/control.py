@@ -127,10 +127,10 @@ def reached_by_several(done: TaskResult) -> dict[str, Any]:
             unit, factor = "deg", 57.29577951308232
         numbers[f"rms_{what}_{unit}"] = factor * float((error[name] ** 2).mean() ** 0.5)
         numbers[f"largest_last_{what}_{unit}"] = factor * float(last[name].abs().max())
-    factor, shown = shown_in(done.unit)
+    factor, display_unit = shown_in(done.unit)
     for name in columns(done.log, "command"):
         command = str(name).removesuffix(f"_{done.unit.lower()}")
-        numbers[f"highest_{command}_{shown.lower()}"] = factor * float(done.log[name].max())
+        numbers[f"highest_{command}_{display_unit.lower()}"] = factor * float(done.log[name].max())
     return numbers | counters(done)
 
 
@@ -147,12 +147,12 @@ def reached(done: TaskResult) -> dict[str, Any]:
     """
     import numpy as np
 
-    from pliant.control.activity import command_activity
+    from pliant.control.rehearsal import command_activity
 
     if "target_m" not in done.log:
         return reached_by_several(done)
     log, settled, name = done.log, settling(done), f"command_{done.unit.lower()}"
-    factor, shown = shown_in(done.unit)
+    factor, display_unit = shown_in(done.unit)
     times = ", ".join("did not settle" if t is None else f"{t:.3g}" for t in settled)
     active = command_activity(*(log[c].to_numpy() for c in ("time_s", "target_m", name)))
     error = 1e3 * log["error_m"]
@@ -160,15 +160,15 @@ def reached(done: TaskResult) -> dict[str, Any]:
     return {
         **({"settling_s": times} if settled else {}), "mean_error_mm": float(last.mean()),
         "largest_error_mm": float(last.abs().max()),
-        f"highest_command_{shown.lower()}": factor * float(log[name].max()),
-        **{f"{what}_{shown.lower()}": factor * value for what, value in active.items() if np.isfinite(value)},
+        f"highest_command_{display_unit.lower()}": factor * float(log[name].max()),
+        **{f"{what}_{display_unit.lower()}": factor * value for what, value in active.items() if np.isfinite(value)},
         **counters(done),
     }
 
 
 def settling(done: TaskResult) -> list[float | None]:
     """Return the settling time [s] of the estimated tip for each set-point; None if it does not settle."""
-    from pliant.control.activity import settling_times
+    from pliant.control.rehearsal import settling_times
 
     if "target_m" not in done.log:
         return []

@@ -30,25 +30,25 @@ def data(
     if action == "list":
         entries = [entry(name) for name in names or data_sets()]
         lines = [f"folder: {data_folder()}"]
-        for one in entries:
-            lines.append(f"\n{one['name']}: {one['what']}\n  {one['licence']}; {one['origin']}")
+        for dataset in entries:
+            lines.append(f"\n{dataset['name']}: {dataset['what']}\n  {dataset['licence']}; {dataset['origin']}")
             lines += [
                 f"  {'here  ' if file['here'] else 'absent'}  {file['file']}"
                 + (f"  (by hand: {file['by_hand']})" if file["by_hand"] else "")
-                for file in one["files"]
+                for file in dataset["files"]
             ]
         answer({"folder": str(data_folder()), "data": entries}, "\n".join(lines), as_json=json)
         return
-    here: list[str] = []
+    paths: list[str] = []
     for name in names or data_sets():
         with busy(f"downloading {name}"):
             try:
-                here += map(str, fetch(name, mirror=mirror))
+                paths += map(str, fetch(name, mirror=mirror))
             except InputError as error:
                 if names or any(f.address for f in data_set(name).files.values()):
                     raise
                 say(f"not downloaded: {error}", error=True)  # data sets that can only be downloaded by hand
-    answer(here, "\n".join(here), as_json=json)
+    answer(paths, "\n".join(paths), as_json=json)
 
 
 def entry(name: str) -> dict[str, Any]:

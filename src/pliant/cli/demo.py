@@ -47,10 +47,10 @@ def filmed(output: Path) -> Path:
     with output_folder(output):
         tracked, sheet = output / "film.nc", output / "film.png"
         with counting("tracking the body in film.mp4") as progress:
-            seen = track_video(FOLDER / "film.mp4", read_entries(study, "study")["camera"], Tracking(overlays=(sheet,)),
+            film = track_video(FOLDER / "film.mp4", read_entries(study, "study")["camera"], Tracking(overlays=(sheet,)),
                                progress=progress)  # fmt: skip
-        write(seen, tracked)
+        write(film, tracked)
         text = study.read_text(encoding="utf-8")
-        for bundled, here in (("film.csv", tracked), ("film_log.csv", FOLDER / "film_log.csv")):
-            text = text.replace(f"../../testbed/bundled/{bundled}", here.resolve().as_posix())
+        for bundled, target in (("film.csv", tracked), ("film_log.csv", FOLDER / "film_log.csv")):
+            text = text.replace(f"../../testbed/bundled/{bundled}", target.resolve().as_posix())
         return write_text(output / "study.toml", text)

@@ -46,10 +46,10 @@ def highest_levels(text: str) -> dict[str, float]:
     si = {shown_in(unit)[1]: unit for unit in KIND_OF}
     levels = {}
     for part in text.split(","):
-        found = re.fullmatch(rf"\s*([\d.eE+-]+)\s*({'|'.join(si)})\s*", part)
+        match = re.fullmatch(rf"\s*([\d.eE+-]+)\s*({'|'.join(si)})\s*", part)
         try:
-            unit = si[found[2]] if found else ""
-            levels[unit] = float(found[1]) * (1.0 / shown_in(unit)[0]) if found else math.nan
+            unit = si[match[2]] if match else ""
+            levels[unit] = float(match[1]) * (1.0 / shown_in(unit)[0]) if match else math.nan
         except ValueError:
             levels[""] = math.nan
     if "" in levels:

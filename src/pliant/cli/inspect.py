@@ -52,7 +52,7 @@ def described(path: Path, mapping: list[str] | None) -> tuple[xr.Dataset, list[s
     `pliant new` proposes them.
     """
     from pliant.cli.reading import load_mapping
-    from pliant.recording.per_file import options_of
+    from pliant.recording.mapping import options_of
     from pliant.study.first_reading import read_or_guess
 
     with busy(f"reading {path.name}"):
@@ -73,7 +73,7 @@ def next_step(ds: xr.Dataset, path: Path, mapping: list[str] | None) -> str:
     shape = "" if {"position", "angle"} & set(ds) else " RECORDING"
     study = "STUDY.toml" if shape else f"{path.stem}.toml"
     log = "" if {"pressure", "actuation"} & set(ds) else " [LOG]"
-    columns = "".join(f" --mapping {given}" for given in mapping or ())
+    columns = "".join(f" --mapping {entry}" for entry in mapping or ())
     return f"pliant new {study} --from{shape} {path}{log}{columns}"
 
 

@@ -70,11 +70,11 @@ def _table(result: OrderResult) -> str:
         between = str(result.stations_between[result.orders.index(n)])
         mark = " <" if n == result.chosen else ""
         rows.append((f"{n}{mark}", *numbers, within, between, str(result.operations(n))))
-    shown = result.chosen or result.orders[-1]
-    worst = ", ".join(f"{t:.3f} s ({e * 1e3:.2f} mm)" for t, e in result.worst_frames(shown, 3))
+    count = result.chosen or result.orders[-1]
+    worst = ", ".join(f"{t:.3f} s ({e * 1e3:.2f} mm)" for t, e in result.worst_frames(count, 3))
     return "\n".join([
         f"{result.frames} frames, {result.stations} stations, errors in mm", *aligned([head, *rows]), result.summary(),
-        f"Worst frames for n = {shown}: {worst}.", *(f"- {note}" for note in result.notes),
+        f"Worst frames for n = {count}: {worst}.", *(f"- {note}" for note in result.notes),
     ])  # fmt: skip
 
 

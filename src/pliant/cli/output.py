@@ -93,13 +93,13 @@ def largest(trajectory: xr.Dataset) -> dict[str, float]:
     from pliant.simulation.result import inputs_in
 
     values, units = inputs_in(trajectory)
-    found = {}
+    peaks = {}
     for unit in dict.fromkeys(units):
-        own = values[:, [u == unit for u in units]]
-        factor, shown = shown_in(unit)
-        name = f"largest_{input_words([unit])[0]}_{shown}".lower().replace(" ", "_")
-        found[name] = factor * float(own.flat[abs(own).argmax()])
-    return found
+        columns = values[:, [u == unit for u in units]]
+        factor, display_unit = shown_in(unit)
+        name = f"largest_{input_words([unit])[0]}_{display_unit}".lower().replace(" ", "_")
+        peaks[name] = factor * float(columns.flat[abs(columns).argmax()])
+    return peaks
 
 
 def summary(trajectory: xr.Dataset) -> dict[str, Any]:

@@ -28,13 +28,13 @@ def load_mapping(paths: Sequence[Path | str] | Path | None) -> dict[str, Any] | 
     Of several files, each is given as NAME=FILE and holds for the recordings with NAME in their file names; one without
     a name holds for all others.
     """
-    from pliant.recording.per_file import joined_mappings
+    from pliant.recording.mapping import joined_mappings
 
     listed = [paths] if isinstance(paths, Path) else paths or ()
-    split = [[given] if Path(given).exists() else given.split(",") for given in map(str, listed)]
+    split = [[entry] if Path(entry).exists() else entry.split(",") for entry in map(str, listed)]
     named = []
-    for given in (part for parts in split for part in parts):
-        name, _, file = given.rpartition("=") if not Path(given).exists() else ("", "", given)
+    for entry in (part for parts in split for part in parts):
+        name, _, file = entry.rpartition("=") if not Path(entry).exists() else ("", "", entry)
         named.append((name.strip(), read_entries(Path(file.strip()), "mapping")))
     return joined_mappings(named)
 
@@ -66,12 +66,12 @@ def levels(model: Model, text: str) -> list[float]:
     names, units = model.actuation.names, model.actuation.units
     what = inputs_word(model.actuation.kinds)
     if "=" in text:
-        given = pairs("--level", text)
-        if strange := [name for name in given if name not in names]:
+        named = pairs("--level", text)
+        if strange := [name for name in named if name not in names]:
             raise InputError(
                 f"--level names the {what} {strange[0]!r}, but the model has {', '.join(names)}: use these names"
             )
-        parts = [given.get(name, "0") for name in names]
+        parts = [named.get(name, "0") for name in names]
     else:
         parts = text.split(",")
     if len(parts) != len(names):
@@ -86,11 +86,11 @@ def number(text: str, unit: str) -> float:
     """Return the value in an SI `unit` of a text such as "30", a number in the unit that plots use, or "30kPa". A text
     that is no number raises InputError.
     """
-    factor, shown = shown_in(unit)
+    factor, display_unit = shown_in(unit)
     try:
-        return number_in(text, shown) * (1.0 / factor)
+        return number_in(text, display_unit) * (1.0 / factor)
     except InputError as error:
-        raise InputError(f"--level must be numbers in {shown}, got {text.strip()!r:.60}: {error}") from None
+        raise InputError(f"--level must be numbers in {display_unit}, got {text.strip()!r:.60}: {error}") from None
 
 
 def vector(text: str, count: int, refusal: str, unit: str = "1") -> list[float]:

@@ -68,7 +68,7 @@ def simulate(
     options: dict[str, Any] = {"time_step": time_step, "method": method, "forces": pull}
     if trace is None:
         high = own_levels(loaded) if level is None else levels(loaded, level)
-        inputs: list[Input] = [Pulse(one, start, width) for one in high]
+        inputs: list[Input] = [Pulse(peak, start, width) for peak in high]
         options["duration"] = 4.0 if duration is None else duration
     elif level is not None:
         raise InputError("give either --level for a pulse or --trace for measured inputs, not both")
@@ -141,6 +141,6 @@ def measured_inputs(
     if not {"pressure", "actuation"} & set(recorded):
         raise InputError(f"{path} holds no measured pressure or other input: give a pulse by --level instead")
     inputs = measured(path.name, recorded, model, drives(drive))
-    clocks = [one.time for one in inputs if isinstance(one, Trace)]
+    clocks = [source.time for source in inputs if isinstance(source, Trace)]
     first, last = (float(end) for end in (min(t[0] for t in clocks), max(t[-1] for t in clocks)))
     return [*inputs], first + output_times(last - first if duration is None else duration, None, time_step)

@@ -45,12 +45,12 @@ def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
         finally:
             QUIET.reset(before)
 
-    own = signature(command, eval_str=True)
-    taken = list(own.parameters.values())
+    stated = signature(command, eval_str=True)
+    taken = list(stated.parameters.values())
     index = next(k for k, p in enumerate(taken) if p.name in ("json", "as_json"))
     wish = Annotated[bool, typer.Option("--quiet", help="Print only the result.")]
     taken.insert(index, Parameter("quiet", taken[index].kind, default=False, annotation=wish))
-    run.__signature__ = own.replace(parameters=taken)  # type: ignore[attr-defined]
+    run.__signature__ = stated.replace(parameters=taken)  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in taken}
     return run
 
@@ -155,15 +155,15 @@ def counting(what: str) -> Iterator[Callable[[float], None]]:
 
     began = monotonic()
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    shown = sys.stderr.isatty() and not QUIET.get()
+    interactive = sys.stderr.isatty() and not QUIET.get()
     bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False)
     task, printed = bar.add_task(escaped(what, "line"), total=1.0), [0]
 
     def update(done: float) -> None:
         late = monotonic() - began > 1.0
-        if late and shown and not bar.live.is_started:
+        if late and interactive and not bar.live.is_started:
             bar.start()
-        if late and not shown and int(4 * done) > printed[0]:
+        if late and not interactive and int(4 * done) > printed[0]:
             printed[0] = int(4 * done)
             mention(f"{what}: {25 * printed[0]} %")
         bar.update(task, completed=done)

@@ -46,8 +46,7 @@ def run_testbed(
         raise InputError(f"--record must be position, strain, markers, flex or imu, got {record!r}")
     from dataclasses import replace
 
-    from pliant.testbed.angle_sensor import FLEX, IMU
-    from pliant.testbed.laboratory import generate_file, resolved
+    from pliant.testbed.laboratory import FLEX, IMU, generate_file, resolved
 
     path = output or Path(f"{scenario}-{actuator}-{seed}.nc")
     sensor = {"flex": FLEX, "imu": IMU}.get(record)

@@ -41,9 +41,9 @@ def track(
         raise InputError(f"[tracking] of {camera} has the unknown entry {unknown[0]}: use count, region or incomplete")
     if output.suffix.lower() not in (".nc", ".nc4", ".csv"):
         raise InputError(f"the name of the recording must end in .nc or .csv, got {output.name!r}")
-    at = None if base is None else tuple(
+    base_point = None if base is None else tuple(
         vector(base, 2, f"--base must be two numbers of pixels, 'x,y', got {base!r}"))  # fmt: skip
-    how = Tracking(method, at, colour, overlays=tuple(overlay or ()), **options)  # type: ignore[arg-type]
+    how = Tracking(method, base_point, colour, overlays=tuple(overlay or ()), **options)  # type: ignore[arg-type]
     with counting(f"tracking the body in {video.name}") as progress:
         recording = track_video(video, entries.get("camera", entries), how, progress=progress)
     write(recording, output)

@@ -54,9 +54,9 @@ class CWriter(Expressions):
         frame = CScope(self.count, {**kernel.__globals__, **self.constants})
         tree = tree_of(kernel)
         defaults = kernel.__defaults__ or ()
-        given = (*arguments, *defaults[len(defaults) - (len(tree.args.args) - len(arguments)) :])
+        values = (*arguments, *defaults[len(defaults) - (len(tree.args.args) - len(arguments)) :])
         changed = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
-        for parameter, value in zip(tree.args.args, given, strict=True):
+        for parameter, value in zip(tree.args.args, values, strict=True):
             name = f"{parameter.arg}_{frame.number}"
             frame.names[parameter.arg] = self.passed(value, name, changes=parameter.arg in changed)
         with suppress(Returned):
@@ -70,9 +70,9 @@ class CWriter(Expressions):
         original.
         """
         if changes and isinstance(value, (Real, float)):
-            held = self.local(name)
-            self.say(f"{held} = {self.number(value)};")
-            return held
+            variable = self.local(name)
+            self.say(f"{variable} = {self.number(value)};")
+            return variable
         if isinstance(value, Real) and value in self.locals and value not in self.shared:
             return value
         if isinstance(value, tuple):
@@ -99,8 +99,8 @@ class CWriter(Expressions):
         if isinstance(target, ast.Tuple):
             if len(target.elts) > 1:
                 value = self.keep(tuple(value), f"pair_{self.fresh()}")
-            for part, own in zip(target.elts, value, strict=True):
-                self.assign(frame, part, own)
+            for part, part_value in zip(target.elts, value, strict=True):
+                self.assign(frame, part, part_value)
         elif isinstance(target, ast.Subscript):
             array, index = self.value(frame, target.value), self.value(frame, target.slice)
             self.say(f"{array[index]} = {self.number(value)};")
@@ -133,13 +133,13 @@ class CWriter(Expressions):
             return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
         if value is None or isinstance(value, np.ndarray):
             return value
-        held = self.local(name)
+        variable = self.local(name)
         if isinstance(value, (bool, Truth)):
             yes = f"({value}) ? 1 : 0" if isinstance(value, Truth) else str(int(value))
-            self.say(f"{held} = {yes};")
-            return Truth(f"{held} > 0")
-        self.say(f"{held} = {self.number(value)};")
-        return held
+            self.say(f"{variable} = {yes};")
+            return Truth(f"{variable} > 0")
+        self.say(f"{variable} = {self.number(value)};")
+        return variable
 
     def do_If(self, frame: CScope, node: ast.If) -> None:
         test = self.value(frame, node.test)
@@ -221,6 +221,6 @@ def cosine_and_sine(kind: str, prefix: str, *, single: bool) -> str:
     """
     writer = CWriter(single)
     pair = writer.call(trig.cos_sin, Real("x"))
-    for place, name in zip(pair, "cs", strict=True):
-        writer.say(f"*{name} = {place};")
+    for target, name in zip(pair, "cs", strict=True):
+        writer.say(f"*{name} = {target};")
     return f"static void {prefix}cos_sin({kind} x, {kind} *c, {kind} *s)\n{{\n{writer.body(kind)}\n}}\n"

@@ -54,10 +54,10 @@ class Turn:
 
 def cells(name: str, shape: tuple[int, ...], pattern: str = "[{}]") -> np.ndarray:
     """Return an array of `shape` with the C expressions of an array's elements: ``phi[0]``, ``phi[1]``, ..."""
-    made = np.empty(shape, dtype=object)
+    array = np.empty(shape, dtype=object)
     for index in np.ndindex(*shape):
-        made[index] = Real(name + "".join(pattern.format(i) for i in index))
-    return made
+        array[index] = Real(name + "".join(pattern.format(i) for i in index))
+    return array
 
 
 class CScope:
@@ -111,20 +111,20 @@ class Expressions:
         """Declare one local C variable for each element of a scratch array, and return the variables as an array of
         `shape`.
         """
-        made = cells(name, shape, "_{}")
-        for cell in made.ravel():
+        array = cells(name, shape, "_{}")
+        for cell in array.ravel():
             self.locals[cell] = None
             self.shared.add(cell)
-        return made
+        return array
 
     def keep(self, value: Any, name: str) -> Any:
         """Copy a value to a new local C variable and return this variable. Later changes of the original do not affect
         it.
         """
         if isinstance(value, Real):
-            held = self.local(name)
-            self.say(f"{held} = {value};")
-            return held
+            variable = self.local(name)
+            self.say(f"{variable} = {value};")
+            return variable
         if isinstance(value, tuple):
             parts = [self.keep(v, f"{name}_{i}") for i, v in enumerate(value)]
             return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
@@ -188,8 +188,8 @@ class Expressions:
     def power(self, base: Any, exponent: Any) -> Real:
         """Return the C expression of `base` to the power of `exponent`. A square is written as a product."""
         if exponent == 2:
-            held = self.keep(base, f"square_{self.fresh()}")
-            return Real(f"({held} * {held})")
+            factor = self.keep(base, f"square_{self.fresh()}")
+            return Real(f"({factor} * {factor})")
         return Real(f"pow{self.suffix}({self.number(base)}, {self.number(exponent)})")
 
     def of_Compare(self, frame: CScope, node: ast.Compare) -> Any:
@@ -231,24 +231,24 @@ class Expressions:
         return Real(f"(({test}) ? {yes} : {no})")
 
     def of_Call(self, frame: CScope, node: ast.Call) -> Any:
-        made = self.value(frame, node.func)
+        function = self.value(frame, node.func)
         arguments = [self.value(frame, a) for a in node.args]
-        if isinstance(made, FunctionType) and made.__module__.startswith("pliant."):
-            return self.call(made, *arguments)
-        if isinstance(made, type) and hasattr(made, "_fields"):
-            return self.keep(made(*arguments), f"made_{self.fresh()}")
+        if isinstance(function, FunctionType) and function.__module__.startswith("pliant."):
+            return self.call(function, *arguments)
+        if isinstance(function, type) and hasattr(function, "_fields"):
+            return self.keep(function(*arguments), f"made_{self.fresh()}")
         if not any(isinstance(a, Real) for a in arguments):
-            return made(*arguments)
-        return self.library(made.__name__, arguments)
+            return function(*arguments)
+        return self.library(function.__name__, arguments)
 
     def library(self, name: str, arguments: list[Any]) -> Real:
         """Return the C expression that calls the math function `name` (min, max, cos, sin, exp, sqrt, ...)."""
         if name in ("min", "max"):
-            one, *others = (self.number(self.keep(a, f"of_{self.fresh()}")) for a in arguments)
+            least, *others = (self.number(self.keep(a, f"of_{self.fresh()}")) for a in arguments)
             for other in others:
-                chosen = f"({other} {'<' if name == 'min' else '>'} {one} ? {other} : {one})"
-                one = chosen if other is others[-1] else self.number(self.keep(Real(chosen), f"of_{self.fresh()}"))
-            return Real(one)
+                chosen = f"({other} {'<' if name == 'min' else '>'} {least} ? {other} : {least})"
+                least = chosen if other is others[-1] else self.number(self.keep(Real(chosen), f"of_{self.fresh()}"))
+            return Real(least)
         if name in ("cos", "sin"):
             return self.cosine_and_sine(self.number(arguments[0]))[name == "sin"]
         return Real(f"{LIBRARY[name if name != 'absolute' else 'abs']}{self.suffix}({self.number(arguments[0])})")
@@ -269,10 +269,10 @@ class Expressions:
         while True:
             read = Counter(w for line in self.lines for w in NAMES.findall(ASSIGNED.sub(r"\1", line)))
             idle = {name for name in self.locals if not read[name]}
-            kept = [line for line in self.lines if not ((m := SET.match(line)) and m[1] in idle)]
-            if len(kept) == len(self.lines):
+            remaining = [line for line in self.lines if not ((m := SET.match(line)) and m[1] in idle)]
+            if len(remaining) == len(self.lines):
                 break
-            self.lines = kept
+            self.lines = remaining
         self.locals = {name: None for name in self.locals if read[name]}
 
     def body(self, kind: str) -> str:

@@ -39,22 +39,22 @@ def kept(function: Any, **options: Any) -> Any:
     written, every process compiles the kernel, with one warning.
     """
     options["no_cfunc_wrapper"] = True  # an interface for C, which is not used
-    made = njit(**options)(function)
-    made.given = options
+    compiled = njit(**options)(function)
+    compiled.given = options
     if kernel_cache is None:
         warn_of_numba()
-        return made
+        return compiled
     try:
-        made._cache = kernel_cache.KernelCache(made.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
+        compiled._cache = kernel_cache.KernelCache(compiled.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
     except RuntimeError:  # no writable folder, neither the shared one nor Numba's defaults
         tell_uncached()
-        return made
-    lock = made._cache.index.with_suffix(".lock")  # noqa: SLF001
-    compile_unchecked = made.compile
+        return compiled
+    lock = compiled._cache.index.with_suffix(".lock")  # noqa: SLF001
+    compile_unchecked = compiled.compile
 
     def compile_now(signature: Any) -> Any:
         entry = compile_unchecked(signature)
-        handed = [done.signature.return_type for done in made.overloads.values()]
+        handed = [done.signature.return_type for done in compiled.overloads.values()]
         if not options.get("_nrt", True) and any(map(has_array, handed)):
             raise TypeError(f"{function.__qualname__} returns an array, but is compiled without reference counting: "
                             "write into an array of the caller")  # fmt: skip
@@ -65,14 +65,14 @@ def kept(function: Any, **options: Any) -> Any:
             with alone(lock) as first:
                 if first:
                     return compile_now(signature)
-            made._cache.disable()  # noqa: SLF001
+            compiled._cache.disable()  # noqa: SLF001
             try:
                 return compile_now(signature)
             finally:
-                made._cache.enable()  # noqa: SLF001
+                compiled._cache.enable()  # noqa: SLF001
 
-    made.compile = compile_alone
-    return made
+    compiled.compile = compile_alone
+    return compiled
 
 
 @cache

@@ -207,30 +207,30 @@ def substitutes(
     Kernels which need no replacement are left out. `loops` replaces straight-line code in space by loops, since
     straight-line code on dual numbers takes minutes to compile.
     """
-    found, made = reached(kernel), {}
-    if linearised.step_jacobian in found:
-        made[linearised.step_jacobian] = jacobian_twin(min(segments, int(turns == 1)), min(turns, 2), min(tendons, 1))
-    if observation.observe_rows in found:
-        made[observation.observe_rows] = rows_twin(space=turns > 1)
+    used, table = reached(kernel), {}
+    if linearised.step_jacobian in used:
+        table[linearised.step_jacobian] = jacobian_twin(min(segments, int(turns == 1)), min(turns, 2), min(tendons, 1))
+    if observation.observe_rows in used:
+        table[observation.observe_rows] = rows_twin(space=turns > 1)
     if turns > 1:
         sizes = links, segments, turns, tendons, axial
         kernels = SPATIAL | (SPATIAL_AXIAL if axial & trace.REMEMBERS else {})
-        return made | {planar: spatial_twin(own, sizes, loops) for planar, own in kernels.items() if planar in found}
-    if motion.step in found:
-        made[motion.step] = extensible_step(links, segments, axial) if segments else fast_step(links)
-    if energy.add_step_work in found and links + segments <= STRAIGHT_LINKS:
-        made[energy.add_step_work] = straight(energy.add_step_work, links, segments)
+        return table | {planar: spatial_twin(own, sizes, loops) for planar, own in kernels.items() if planar in used}
+    if motion.step in used:
+        table[motion.step] = extensible_step(links, segments, axial) if segments else fast_step(links)
+    if energy.add_step_work in used and links + segments <= STRAIGHT_LINKS:
+        table[energy.add_step_work] = straight(energy.add_step_work, links, segments)
     if axial & trace.REMEMBERS:
         steps: dict[Any, Any] = {extension.step: extensible_step(links, segments, axial)}
         for plain, own in AXIAL.items():
-            if plain in found:
-                made[plain] = compiled_twin(
+            if plain in used:
+                table[plain] = compiled_twin(
                     own, size_tag(links, segments, axial=axial), lambda callee: steps.get(callee) or twin(callee),
                     SOURCES, replaced=steps,
                 )
-    if segments and contact.add_link_loads in found:
-        made[contact.add_link_loads] = twin(extension.add_link_loads)
-    return made
+    if segments and contact.add_link_loads in used:
+        table[contact.add_link_loads] = twin(extension.add_link_loads)
+    return table
 
 
 def fewest(

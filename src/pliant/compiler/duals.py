@@ -41,24 +41,24 @@ def _of(kind: Any) -> Any:
 
 def _taken(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """Return an argument converted to the type of `_of`, without copying its memory."""
-    made = _of(kind)
+    dual_kind = _of(kind)
     if isinstance(kind, types.BaseTuple):
         kinds: Any = kind
         parts = [_taken(context, builder, k, builder.extract_value(value, i)) for i, k in enumerate(kinds)]
-        return context.make_tuple(builder, made, parts)
-    if made == kind:
+        return context.make_tuple(builder, dual_kind, parts)
+    if dual_kind == kind:
         return value
     source = context.make_array(kind)(context, builder, value)
     data = builder.bitcast(source.data, context.get_value_type(dual).as_pointer())
-    if made == dual:
+    if dual_kind == dual:
         return builder.load(data)
-    array = context.make_array(made)(context, builder)
+    array = context.make_array(dual_kind)(context, builder)
     shape, strides = (cgutils.unpack_tuple(builder, part)[:-1] for part in (source.shape, source.strides))
     populate_array(
         array, data=data, shape=cgutils.pack_array(builder, shape), strides=cgutils.pack_array(builder, strides),
         itemsize=context.get_constant(types.intp, 8 * SLOTS), meminfo=source.meminfo, parent=source.parent,
     )
-    return impl_ret_borrowed(context, builder, made, array._getvalue())  # noqa: SLF001
+    return impl_ret_borrowed(context, builder, dual_kind, array._getvalue())  # noqa: SLF001
 
 
 @intrinsic
@@ -100,8 +100,8 @@ def _unit(_context: Any, k: Any) -> Any:
     """Return the derivatives of variable number k: 1 by itself, 0 by others."""
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        none, one = context.get_constant_null(vector), context.get_constant(types.float64, 1.0)
-        return builder.insert_element(none, one, args[0])
+        none, unity = context.get_constant_null(vector), context.get_constant(types.float64, 1.0)
+        return builder.insert_element(none, unity, args[0])
 
     return vector(k), generate
 
@@ -148,8 +148,8 @@ def duals(values: Any, slopes: Array | None = None) -> Array:
     P is at most `WIDTH`.
     """
     values = np.asarray(values, dtype=float)
-    made = aligned((*values.shape, SLOTS), np.zeros)
-    made[..., 0] = values
+    array = aligned((*values.shape, SLOTS), np.zeros)
+    array[..., 0] = values
     if slopes is not None:
-        made[..., WIDTH : WIDTH + slopes.shape[-1]] = slopes
-    return made
+        array[..., WIDTH : WIDTH + slopes.shape[-1]] = slopes
+    return array

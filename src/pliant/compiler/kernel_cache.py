@@ -71,8 +71,8 @@ class _Locator(_CacheLocator):
 
     @classmethod
     def from_function(cls, _function: Any, file: str) -> _Locator | None:
-        place = folder()
-        return None if place is None else cls(file, place)
+        cache_folder = folder()
+        return None if cache_folder is None else cls(file, cache_folder)
 
     def get_cache_path(self) -> str:
         return str(self._place)
@@ -100,8 +100,8 @@ class CheckedFiles(IndexDataCacheFile):
         return self._read(Path(self._data_path(name)))
 
     def _load_index(self) -> Any:
-        found = self._read(Path(self._index_path))
-        return {} if found is None else found
+        content = self._read(Path(self._index_path))
+        return {} if content is None else content
 
     def _save_index(self, overloads: Any) -> None:
         self._write(self._index_path, overloads)
@@ -168,8 +168,8 @@ class KernelCache(FunctionCache):
         """
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
-            if (found := self._load_overload(sig, target_context)) is not None:
-                return found
+            if (loaded := self._load_overload(sig, target_context)) is not None:
+                return loaded
         import_module("pliant.compiler.dual_numbers")
         return None
 

@@ -53,9 +53,9 @@ def stored_files(folder: Path) -> Iterator[Path]:
     """Yield the files of stored kernels in a cache folder and in those of other versions of Numba beside it. Incomplete
     files that a killed process left a day ago are removed.
     """
-    for one in {folder, *folder.parent.glob("kernels-*")}:
+    for candidate in {folder, *folder.parent.glob("kernels-*")}:
         with suppress(OSError):
-            for file in list(one.iterdir()):
+            for file in list(candidate.iterdir()):
                 if file.suffix in (".nbi", ".nbc"):
                     yield file
                 elif ".tmp." in file.name and time() - file.stat().st_mtime > DAY:

@@ -69,11 +69,11 @@ class LlvmWriter:
         if len(values) == 1:
             values = [self.constant(-0.0), *values]
         kinds = [k for k, _ in values] if getattr(kind, "mixes", False) else [kind, kind]
-        made = [self.cast(v, k) for v, k in zip(values, kinds, strict=True)]
+        constants = [self.cast(v, k) for v, k in zip(values, kinds, strict=True)]
         if kind == types.float64:
-            return kind, getattr(self.builder, FLOATS[what])(*made, flags=self.flags)
+            return kind, getattr(self.builder, FLOATS[what])(*constants, flags=self.flags)
         done = self.context.get_function(OPERATORS[what], signature(kind, *kinds))
-        return kind, done(self.builder, made)
+        return kind, done(self.builder, constants)
 
     def constant(self, value: float) -> Value:
         """Return a Python number as an LLVM constant with its Numba type."""
@@ -87,8 +87,8 @@ class LlvmWriter:
         """Return cosine and sine of an angle as one LLVM value, computed once for each angle of the kernel."""
         kind, value = self.values[angle.row]
         if angle.row not in self.angles:
-            found = signature(types.UniTuple(kind, 2), kind)
-            self.angles[angle.row] = self.context.compile_internal(self.builder, pair, found, [value])
+            result_type = signature(types.UniTuple(kind, 2), kind)
+            self.angles[angle.row] = self.context.compile_internal(self.builder, pair, result_type, [value])
         return kind, self.angles[angle.row]
 
     def given(self, where: str) -> Value:
@@ -107,8 +107,8 @@ class LlvmWriter:
         name, *fields = path.split(".")
         kind, value = self.arguments[name]
         for field in fields:
-            place = kind.fields.index(field)
-            kind, value = kind.types[place], self.builder.extract_value(value, place)
+            index = kind.fields.index(field)
+            kind, value = kind.types[index], self.builder.extract_value(value, index)
         return kind, value
 
     def element(self, where: str) -> Value:
@@ -120,8 +120,8 @@ class LlvmWriter:
             kind, value = self.argument(path)
             self.arrays[path] = kind, make_array(kind)(self.context, self.builder, value)
         kind, array = self.arrays[path]
-        place = [self.context.get_constant(types.intp, int(i)) for i in numbers.split(",")]
-        return kind.dtype, cgutils.get_item_pointer(self.context, self.builder, kind, array, place)
+        indices = [self.context.get_constant(types.intp, int(i)) for i in numbers.split(",")]
+        return kind.dtype, cgutils.get_item_pointer(self.context, self.builder, kind, array, indices)
 
 
 def compiled(name: str, recorded: Callable[[], KernelProgram], *, fused: bool = False) -> Any:
@@ -136,10 +136,10 @@ def compiled(name: str, recorded: Callable[[], KernelProgram], *, fused: bool = 
     @intrinsic
     def run(_context: Any, arguments: Any) -> Any:
         def generate(context: Any, builder: Any, _sig: Any, values: Any) -> Any:
-            made = recorded()
+            trace = recorded()
             parts = (builder.extract_value(values[0], i) for i in range(len(arguments)))
-            given = zip(made.names, zip(arguments, parts, strict=True), strict=True)
-            LlvmWriter((context, builder), made, dict(given), fused=fused).write()
+            named_values = zip(trace.names, zip(arguments, parts, strict=True), strict=True)
+            LlvmWriter((context, builder), trace, dict(named_values), fused=fused).write()
             return context.get_dummy_value()
 
         return types.void(arguments), generate

@@ -177,14 +177,14 @@ def as_lanes(_context: Any, array: Any) -> Any:
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         source = context.make_array(array)(context, builder, args[0])
-        made = context.make_array(result)(context, builder)
+        wide = context.make_array(result)(context, builder)
         shape, strides = (cgutils.unpack_tuple(builder, part)[:-1] for part in (source.shape, source.strides))
         populate_array(
-            made, data=builder.bitcast(source.data, made.data.type), shape=cgutils.pack_array(builder, shape),
+            wide, data=builder.bitcast(source.data, wide.data.type), shape=cgutils.pack_array(builder, shape),
             strides=cgutils.pack_array(builder, strides), itemsize=context.get_constant(types.intp, _ALIGN),
             meminfo=source.meminfo, parent=source.parent,
         )
-        return impl_ret_borrowed(context, builder, result, made._getvalue())  # noqa: SLF001  Numba's own way
+        return impl_ret_borrowed(context, builder, result, wide._getvalue())  # noqa: SLF001  Numba's own way
 
     return result(array), generate
 

@@ -25,10 +25,10 @@ def rebuild(kernel: FunctionType, wrap: Kernel, names: dict[str, Any] | None = N
 
     `names` replaces globals by name, e.g. ``{"np": shim}`` to run a kernel on symbols.
     """
-    made: dict[FunctionType, Any] = {}
+    rebuilt: dict[FunctionType, Any] = {}
 
     def make(function: FunctionType) -> Any:
-        if function not in made:
+        if function not in rebuilt:
             scope = dict(function.__globals__)
             for callee in callees(function):
                 scope[callee.__name__] = make(callee)
@@ -36,16 +36,16 @@ def rebuild(kernel: FunctionType, wrap: Kernel, names: dict[str, Any] | None = N
             copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
             copy.__module__ = function.__module__
             copy.__qualname__ = function.__qualname__
-            made[function] = wrap(copy)
-        return made[function]
+            rebuilt[function] = wrap(copy)
+        return rebuilt[function]
 
     return make(kernel)
 
 
 def callees(kernel: FunctionType) -> list[FunctionType]:
     """Return the pliant functions that `kernel` calls directly by their global names."""
-    found = (kernel.__globals__.get(name) for name in kernel.__code__.co_names)
-    return [f for f in found if is_kernel(f)]
+    candidates = (kernel.__globals__.get(name) for name in kernel.__code__.co_names)
+    return [f for f in candidates if is_kernel(f)]
 
 
 def is_kernel(value: Any) -> TypeGuard[FunctionType]:
@@ -58,13 +58,13 @@ def reached(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> se
     `replaced`.
     """
     todo = [kernel]
-    seen: set[FunctionType] = set()
+    visited: set[FunctionType] = set()
     while todo:
         function = todo.pop()
-        if function not in seen and function not in replaced:
-            seen.add(function)
+        if function not in visited and function not in replaced:
+            visited.add(function)
             todo += callees(function)
-    return seen
+    return visited
 
 
 def options(kernel: FunctionType, replaced: Collection[FunctionType] = ()) -> dict[str, Any]:
@@ -99,8 +99,8 @@ def fingerprint(kernel: FunctionType, *sources: str) -> str:
     modules which transform them. The code is that of this process, even if the source files have changed since it
     started.
     """
-    found = sorted(reached(kernel), key=lambda f: (f.__module__, f.__qualname__))
-    texts = repr([(f.__module__, f.__qualname__, contents(f.__code__), f.__defaults__, frozen(f)) for f in found])
+    functions = sorted(reached(kernel), key=lambda f: (f.__module__, f.__qualname__))
+    texts = repr([(f.__module__, f.__qualname__, contents(f.__code__), f.__defaults__, frozen(f)) for f in functions])
     return hashlib.sha256(b"".join([texts.encode(), *map(bytes_of, sorted(sources))])).hexdigest()[:12]
 
 
@@ -119,8 +119,8 @@ def contents(code: CodeType) -> tuple[Any, ...]:
 
 def frozen(kernel: FunctionType) -> list[tuple[str, Any]]:
     """Return the global values, except functions, that compilation copies into a kernel's code as constants."""
-    given = [(name, kernel.__globals__[name]) for name in mentioned(kernel.__code__) if name in kernel.__globals__]
-    return [(name, stable(value)) for name, value in given if not is_kernel(value)]
+    constants = [(name, kernel.__globals__[name]) for name in mentioned(kernel.__code__) if name in kernel.__globals__]
+    return [(name, stable(value)) for name, value in constants if not is_kernel(value)]
 
 
 def mentioned(code: CodeType) -> list[str]:
@@ -160,9 +160,9 @@ def compiled_twin(
     """
     from pliant.compiler.cache import kept, part
 
-    own = names or {}
-    linked = {f.__name__: part(made(f)) for f in callees(kernel) if f.__name__ not in own}
-    scope = {**kernel.__globals__, **own, **linked}
+    namespace = names or {}
+    linked = {f.__name__: part(made(f)) for f in callees(kernel) if f.__name__ not in namespace}
+    scope = {**kernel.__globals__, **namespace, **linked}
     copy = FunctionType(kernel.__code__, scope, kernel.__name__, kernel.__defaults__)
     copy.__module__ = kernel.__module__
     digest = fingerprint(kernel, __file__, *sources)

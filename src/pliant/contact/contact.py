@@ -179,10 +179,10 @@ def free_motion_for_rate(filtered: FilteredFreeMotion, rate: float) -> FreeMotio
 
 def check_frame_rate(estimated: xr.Dataset, period: float) -> None:
     """Raise InputError if a recording's frame rate differs from the one for which the thresholds were computed."""
-    own = float(np.median(np.diff(estimated["time"].values)))
-    if abs(own / period - 1.0) > PACE:
+    dt = float(np.median(np.diff(estimated["time"].values)))
+    if abs(dt / period - 1.0) > PACE:
         raise InputError(
-            f"free motion was recorded at {1 / period:.0f} Hz, but this recording at {1 / own:.0f} Hz: the threshold "
+            f"free motion was recorded at {1 / period:.0f} Hz, but this recording at {1 / dt:.0f} Hz: the threshold "
             "holds for one frame rate, so record both at the same rate"
         )
 
@@ -216,10 +216,10 @@ def filtered_motion(recording: xr.Dataset, model: Model, noise: Noise, options: 
             "as a random walk: set it above 0, or leave noise out"
         )
     estimated = estimate(recording, model, noise=noise, **options)
-    source, held = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
+    source, body = input_of(recording, model, options.get("pressure"), options.get("pressure_window", 8e-3),
                             options.get("drive"))
     times = estimated["time"].values - options.get("latency", 0.0)
-    run = simulate(held, source, times=times, time_step=estimated.attrs["step_s"], check=False)
+    run = simulate(body, source, times=times, time_step=estimated.attrs["step_s"], check=False)
     chain, inputs = mechanics_of(model), estimated[model.actuation.variable].values
     features = features_of(model, times, inputs, chain.gathered(run, 0), chain.gathered(run, 1))
     torque, x = chain.gathered(estimated, 2) * chain.lever, chain.coordinates(chain.gathered(estimated, 0))
@@ -276,8 +276,8 @@ def last_zero(sums: Array, k: int) -> int:
     """Return the index of the first frame after a cumulative sum was last zero, at or before frame k. Return 0 if it
     was never zero.
     """
-    at = np.flatnonzero(sums[: k + 1] <= 0)
-    return int(at[-1]) + 1 if at.size else 0
+    zeros = np.flatnonzero(sums[: k + 1] <= 0)
+    return int(zeros[-1]) + 1 if zeros.size else 0
 
 
 def external(model: Model, left: Array) -> dict[str, Any]:

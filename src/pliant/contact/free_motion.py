@@ -189,8 +189,8 @@ def fit_sudden_test(answer: InnovationResponse, ratios: list[Array], motions: li
     size = np.full(len(answer.motion), 6.63)  # the 99 % quantile of chi-square
     enough = 2 * frames_of(BLOCK, answer.period)
     for b in range(len(size)):
-        found = float(np.quantile(ratio[case == b], 0.99)) if np.count_nonzero(case == b) >= enough else 0.0
-        size[b] = max(size[max(b - 1, 0)], found)
+        quantile = float(np.quantile(ratio[case == b], 0.99)) if np.count_nonzero(case == b) >= enough else 0.0
+        size[b] = max(size[max(b - 1, 0)], quantile)
     scaled = [r / size[answer.case(a)] for r, a in zip(ratios, motions, strict=True)]
     highest = np.concatenate([blocks(s, answer.period) for s in scaled])
     return Sudden(answer, size, tail(highest, answer.period * len(ratio), rate)[0])
@@ -243,9 +243,9 @@ def fit_free_motion(
     peaks = np.concatenate([excursions(cumulative(s - level)) for s in squares])
     duration = frames * period
     threshold, beyond = tail(peaks, duration, rate)
-    kept, change = changes(left, active, growth, period)
+    decay, change = changes(left, active, growth, period)
     return FreeMotion(
-        regression(torques, features), covariance, growth, level, threshold, kept, change, sudden, duration, period,
+        regression(torques, features), covariance, growth, level, threshold, decay, change, sudden, duration, period,
         rate, beyond,
     )
 
@@ -257,9 +257,9 @@ def changes(left: list[Array], active: list[Array], growth: float, period: float
     later = frames_of(LATER, period)
     now = np.concatenate([a[later:] for a in left])
     before = np.concatenate([running_mean(a, period)[: len(a) - later] for a in left])
-    kept = float(np.clip(np.sum(now * before) / max(float(np.sum(before**2)), 1e-300), 0.0, 1.0))
-    rest = (now - kept * before) / np.sqrt(1.0 + growth * np.concatenate([a[later:] for a in active]))[:, None]
-    return kept, rest.T @ rest / len(rest) + 1e-12 * np.sum(rest**2) / rest.size * np.eye(rest.shape[1])
+    persistence = float(np.clip(np.sum(now * before) / max(float(np.sum(before**2)), 1e-300), 0.0, 1.0))
+    rest = (now - persistence * before) / np.sqrt(1.0 + growth * np.concatenate([a[later:] for a in active]))[:, None]
+    return persistence, rest.T @ rest / len(rest) + 1e-12 * np.sum(rest**2) / rest.size * np.eye(rest.shape[1])
 
 
 def running_mean(values: Array, period: float) -> Array:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.contact.moment_arms import moment_arms
+from pliant.contact.locate import moment_arms
 from pliant.equations.observation import observe_rows
 from pliant.estimation import kalman_loops
 from pliant.estimation.measurement import Measurement
@@ -100,9 +100,12 @@ def innovation_response(
     period = float(np.median(np.diff(measurement.time)))
     longest, whole = windows_of(period)[-1], frames_of(SETTLED, period)
     steps = max(1, int(np.ceil(period / time_step)))
-    made = [response_of(model, one, measurement, period, steps, longest if k else whole) for k, one in enumerate(cases)]
-    known = InnovationResponse(np.array(MOTIONS), np.stack([r[:longest] for r in made]), period, np.ones(1))
-    return replace(known, fade=fading(known, model, made[0]))
+    responses = [
+        response_of(model, motion, measurement, period, steps, longest if k else whole)
+        for k, motion in enumerate(cases)
+    ]
+    known = InnovationResponse(np.array(MOTIONS), np.stack([r[:longest] for r in responses]), period, np.ones(1))
+    return replace(known, fade=fading(known, model, responses[0]))
 
 
 def fading(answer: InnovationResponse, model: Model, response: Array) -> Array:
@@ -134,26 +137,26 @@ def response_of(model: Model, noise: Noise, measurement: Measurement, period: fl
     update, observe = (twin(kernel, *mechanics_of(model).sizes) for kernel in (kalman_loops.update, observe_rows))
     chain, densities = chain_of(model), FilterNoise(*noise.densities(model), np.zeros(1))
     still = Prediction(steps, period / steps, np.zeros(n), densities)
-    seen, slopes = np.empty(len(rows)), np.empty((len(rows), n))
-    shown = frame_of(model, rows, seen, measurement.variance)
+    predicted, slopes = np.empty(len(rows)), np.empty((len(rows), n))
+    filter_frame = frame_of(model, rows, predicted, measurement.variance)
 
     def frame(own: FilterState, true: Array) -> Array:
         predict(own, chain, still, workspace)
-        observe(true, shown, workspace.sight, seen, slopes)
-        update(own, chain, shown, workspace)
-        return shown.innovation
+        observe(true, filter_frame, workspace.sight, predicted, slopes)
+        update(own, chain, filter_frame, workspace)
+        return filter_frame.innovation
 
     for _ in range(frames_of(SETTLED, period)):
         frame(start, start.angle.copy())
-    made = np.zeros((frames, len(rows), n))
+    response = np.zeros((frames, len(rows), n))
     push = 1e-4 * float(np.mean(model.stiffness))
     for i in range(n):
         true, own = (FilterState(*(a.copy() for a in start)) for _ in range(2))
         true.disturbance[i] += push
         for j in range(frames):
             predict(true, chain, still, workspace)
-            made[j, :, i] = frame(own, true.angle) / push
-    return made
+            response[j, :, i] = frame(own, true.angle) / push
+    return response
 
 
 def likelihood_ratio(
@@ -179,14 +182,14 @@ def likelihood_ratio(
     J = moment_arms(model, angle, *places_of(model))[:, :, :-1]
     best, since = np.zeros(len(e)), np.zeros(len(e), dtype=int)
     for b in np.unique(case):
-        R, at = answer.response[b], case == b
+        R, in_case = answer.response[b], case == b
         for w in answer.windows:
             y = sum(shifted(e, w - 1 - j) @ R[j] for j in range(w))
             information = sum(R[j].T @ R[j] for j in range(w))
-            push = np.einsum("tadn,tn->tad", J[at], np.asarray(y)[at])
-            size = np.einsum("tadn,nm,tacm->tadc", J[at], information, J[at])
+            push = np.einsum("tadn,tn->tad", J[in_case], np.asarray(y)[in_case])
+            size = np.einsum("tadn,nm,tacm->tadc", J[in_case], information, J[in_case])
             ratio = np.zeros(len(e))
-            ratio[at] = np.sum(push * np.linalg.solve(size, push[..., None])[..., 0], axis=-1).max(axis=1)
+            ratio[in_case] = np.sum(push * np.linalg.solve(size, push[..., None])[..., 0], axis=-1).max(axis=1)
             since[ratio > best] = w
             best = np.maximum(best, ratio)
     return best, since

@@ -5,12 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from pliant.contact.likelihood_ratio import frames_of
 from pliant.errors import InputError
+from pliant.files import whole
+from pliant.plotting import COLUMN_WIDTH, REST_COLOUR, new_figure, style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = np.ndarray
 FREE, TOUCHED = -0.85, 2.2  # log-odds of one pass and of one touch
@@ -81,11 +88,11 @@ def probing_contacts_of(contact: xr.Dataset, *, half_width: float = 0.0, most: f
 def steady(contact: xr.Dataset) -> Array:
     """Return for each frame (T,) whether position and force of the contact were steady for the last 0.13 s."""
     period = float(np.median(np.diff(contact["time"].values)))
-    place, force = contact["contact_arc_length"].values, contact["normal_force"].values
-    same = np.ones(len(place), dtype=bool)
+    arc, force = contact["contact_arc_length"].values, contact["normal_force"].values
+    same = np.ones(len(arc), dtype=bool)
     for back in range(1, frames_of(STEADY, period) + 1):
-        before = [np.concatenate([np.full(back, np.nan), a[:-back]]) for a in (place, force)]
-        same &= np.abs(place - before[0]) <= SAME_PLACE
+        before = [np.concatenate([np.full(back, np.nan), a[:-back]]) for a in (arc, force)]
+        same &= np.abs(arc - before[0]) <= SAME_PLACE
         same &= np.abs(force - before[1]) <= SAME_FORCE * np.abs(force)
     return same
 
@@ -135,7 +142,7 @@ def map_contacts(
     On recordings of your own::
 
         from pliant.contact import find_contact, map_contacts
-        from pliant.contact.map_file import save_map
+        from pliant.contact.occupancy_map import save_map
         pokes = [find_contact(r, model, free=learnt) for r in recordings]
         chart = map_contacts(pokes, cell=1e-3)
         chart.probability.sel(x=-0.08, y=0.12, method="nearest")   # occupied?
@@ -258,3 +265,45 @@ def fused(pokes: Sequence[ProbingContacts]) -> ProbingContacts:
     """Combine the `ProbingContacts` of several recordings into one."""
     names = ("curve", "point", "normal", "deviation", "force")
     return replace(pokes[0], **{name: np.concatenate([getattr(p, name) for p in pokes]) for name in names})
+
+
+def save_map(chart: xr.Dataset, path: str | Path) -> Path:
+    """Write a contact map as .nc (whole dataset), .csv (x, y, probability of every cell) or .png (figure).
+
+    Raises
+    ------
+    InputError
+        For another suffix, or when the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix not in (".nc", ".csv", ".png"):
+        raise InputError(f"a map can be written as .nc, .csv or .png, not as {path.name!r}")
+    with whole(path) as draft:
+        if path.suffix == ".nc":
+            chart.to_netcdf(draft, engine="h5netcdf")
+        elif path.suffix == ".csv":
+            X, Y = np.meshgrid(chart["x"].values, chart["y"].values)
+            table = np.column_stack([X.ravel(), Y.ravel(), chart["probability"].values.ravel()])
+            np.savetxt(draft, table, delimiter=",", header="x_m,y_m,probability", comments="", fmt="%.6g")
+        else:
+            contact_map(chart).savefig(draft, format="png")
+    return path
+
+
+def contact_map(chart: Any) -> Figure:
+    """Plot a contact map: occupied cells dark, and the touched points with their normals."""
+    with style():
+        figure, ax = new_figure(width=COLUMN_WIDTH, height=3.2)
+        x, y = (1e3 * chart[name].values for name in ("x", "y"))
+        half = 0.5e3 * float(chart.attrs["cell_m"])
+        box = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
+        image = ax.imshow(chart["probability"].values, origin="lower", extent=box, cmap="Greys", vmin=0, vmax=1)
+        points, normals = 1e3 * chart["surface"].values, chart["surface_normal"].values
+        if len(points):
+            ax.plot(*points.T, linestyle="", marker="o", markersize=2, color=REST_COLOUR, label="touched")
+            ax.quiver(*points.T, *normals.T, color=REST_COLOUR, width=0.003, scale=25)
+            ax.legend(loc="upper right")
+        ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
+        ax.grid(visible=False)
+        figure.colorbar(image, ax=ax, label="probability of being solid")
+    return figure

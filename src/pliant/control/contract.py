@@ -10,6 +10,7 @@ import numpy as np
 
 from pliant.control.plan import Plan
 from pliant.estimation.contract import Estimator, Measure, State
+from pliant.plugins import chosen, offered
 from pliant.shapes import Float
 
 Array = np.ndarray
@@ -97,3 +98,23 @@ class ControllerKind:
     follows: str = "trajectory"
     tunable: bool = True
     several: bool = True
+
+
+GROUP = "pliant.controllers"
+BUILT_IN = {
+    "lqr": "pliant.control.lqr:CONTROLLER",
+    "mpc": "pliant.control.mpc:CONTROLLER",
+    "pid": "pliant.control.pid:CONTROLLER",
+}
+
+
+def controllers() -> dict[str, ControllerKind]:
+    """Return all known controllers, built-in or from installed packages, as {name: controller type}."""
+    return offered(GROUP, BUILT_IN, ControllerKind)
+
+
+def controller_kind(name: str) -> ControllerKind:
+    """Return the controller type with the given name; raise InputError with a list of the known
+    names if there is none.
+    """
+    return chosen(GROUP, BUILT_IN, ControllerKind, name)

@@ -105,7 +105,7 @@ def finish(gains, rules, memory):
     share = min(1.0, band * band / far) if far > 0.0 else 1.0
     met = False
     left = 0.0
-    place = 0
+    newest = 0
     for c in range(len(command)):
         sent = within(wish[c], command[c], highest[c], reach)
         met = met or sent != wish[c]
@@ -113,10 +113,10 @@ def finish(gains, rules, memory):
             for i in range(m):
                 left = left + (wish[c] - sent) * K[c, first + j] * driven[j, i] * weight[i] * error[i]
         for i in range(waiting[c] - 1, 0, -1):
-            queue[place + i] = queue[place + i - 1]
+            queue[newest + i] = queue[newest + i - 1]
         if waiting[c] > 0:
-            queue[place] = sent
-        place = place + waiting[c]
+            queue[newest] = sent
+        newest = newest + waiting[c]
         command[c] = sent
     if left >= 0.0:
         for j in range(m):

@@ -61,8 +61,8 @@ class Horizon:
         model, self.period = design.model, design.period
         self.model, self.stage, self.nodes, self.chambers = model, stage, nodes, model.actuation.count
         self.periods = stage * (nodes - 1) + 1
-        at = np.arange(self.periods)[:, None] / stage - np.arange(nodes)
-        self.straight = np.maximum(0.0, 1.0 - np.abs(at))  # (K, J) weights of the nodes in every period's command
+        node = np.arange(self.periods)[:, None] / stage - np.arange(nodes)
+        self.straight = np.maximum(0.0, 1.0 - np.abs(node))  # (K, J) weights of the nodes in every period's command
         self._lines = [
             ValveLine(c, s, self.period, design.latency)
             for c, s in zip(model.chambers, design.supply or (None,) * self.chambers, strict=True)
@@ -112,9 +112,9 @@ class Horizon:
         torque = scale * np.stack([p * c.lever_at(p) for c, p in each], axis=1) @ actuation.columns
         torque[:, :N] += self._chain[1].K * np.append(state.rest_shift, state.strain_shift)
         x, v = (np.concatenate(pair) for pair in ((state.angle, state.strain), (state.rate, state.strain_rate)))
-        places, rates = self._places
+        positions, rates = self._places
         self._march(
-            x, v, self.period / parts, np.repeat(torque, parts, axis=0), self._chain, places, rates, self._jacobians
+            x, v, self.period / parts, np.repeat(torque, parts, axis=0), self._chain, positions, rates, self._jacobians
         )
         by_input = scale * np.stack([c.law_slope(p) for c, p in each], axis=1)
         drive = by_input[:, :, None] * actuation.columns  # (K, C, N + R) N m/Pa
@@ -124,7 +124,7 @@ class Horizon:
             for j in range(k * parts, (k + 1) * parts):
                 by = self._jacobians[j, : 2 * N].T @ by + self._jacobians[j, 2 * N :].T @ felt
             out[k] = by
-        return places[parts - 1 :: parts].copy(), rates[parts - 1 :: parts].copy(), out
+        return positions[parts - 1 :: parts].copy(), rates[parts - 1 :: parts].copy(), out
 
 
 class ValveLine:
@@ -133,9 +133,9 @@ class ValveLine:
     def __init__(self, chamber: ActuationInput, supply: SupplyValve | None, period: float, latency: float) -> None:
         whole, part, _ = periods_late(chamber.valve.dead_time + latency, period)
         self._old, self._share, self._whole = bool(part), part / period, whole
-        held = [behind_valve(np.zeros((0, 0)), np.zeros(0), v)[:2] for v in sides(chamber.valve, supply)]
-        self.order = held[0][1].size
-        steps = [[hold(A, B, t) for A, B in held] for t in (part, period - part)] if self.order else []
+        models = [behind_valve(np.zeros((0, 0)), np.zeros(0), v)[:2] for v in sides(chamber.valve, supply)]
+        self.order = models[0][1].size
+        steps = [[hold(A, B, t) for A, B in models] for t in (part, period - part)] if self.order else []
         self._pieces = tuple(np.array([[pair[i] for pair in row] for row in steps]) for i in (0, 1))
         self._march = twin(feedback_loops.valve_ahead)
 

@@ -13,11 +13,10 @@ import numpy as np
 from pliant.compiler.choose import twin
 from pliant.control import feedback_loops
 from pliant.control.contract import ControllerKind
-from pliant.control.design import LqrDesign
-from pliant.control.gains import Gains
-from pliant.control.limits import Limits
+from pliant.control.design import Gains, LqrDesign
 from pliant.control.steady_inputs import output_weights, tip_geometry
-from pliant.control.valve_states import ValveObserver
+from pliant.control.tuning import Limits
+from pliant.control.valve import ValveObserver
 from pliant.estimation.contract import State
 from pliant.mechanics import mechanics_of
 
@@ -125,8 +124,8 @@ class Lqr:
             self._began = time
         k = self.period = min(max(round((time - self._began) / design.period) - design.late, 0), len(design.at) - 1)
         read = design.model.actuation.pressures(pressure).tolist()
-        for valve, part, sent, seen in zip(self._valves, self._parts, self.command.tolist(), read, strict=True):
-            part[:] = valve.update(sent, seen)[: valve.order]
+        for valve, part, sent, reading in zip(self._valves, self._parts, self.command.tolist(), read, strict=True):
+            part[:] = valve.update(sent, reading)[: valve.order]
         row = (design.pressure[k], design.lead[k], design.angle[k], design.beside[k], design.wanted[k], design.still)
         known = (
             state.angle, state.rate, state.rest_shift, state.strain, state.strain_rate, state.strain_shift,

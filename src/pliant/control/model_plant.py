@@ -128,24 +128,24 @@ class ModelPlant:
 
     def _behind(self, c: int, asked: float) -> float:
         """Return the mean pressure [Pa] in chamber `c` over a time step under the command `asked` [Pa]."""
-        waiting, valve, held = self._waiting[c], self._valves[c], self._held[c]
+        waiting, valve, valve_state = self._waiting[c], self._valves[c], self._held[c]
         waiting.append(asked)
         arrived, supply = waiting.popleft(), self._supply[c]
         if valve is None:
             return arrived
-        before = held[0]
+        before = valve_state[0]
         if supply is None:
-            held[:] = valve[0] @ held + valve[1] * arrived
-            held[0] = max(held[0], 0.0)
+            valve_state[:] = valve[0] @ valve_state + valve[1] * arrived
+            valve_state[0] = max(valve_state[0], 0.0)
         else:
             parts = max(1, round(self._time_step / FINE))
-            supply.march(np.full(parts, arrived), self._time_step / parts, held)
-        return float(0.5 * (before + held[0]))
+            supply.march(np.full(parts, arrived), self._time_step / parts, valve_state)
+        return float(0.5 * (before + valve_state[0]))
 
     def _pressure(self) -> Array:
         """Return the true pressures (C,) [Pa] behind the valves."""
-        own = self._stepper.pressure
-        return np.array([own[c] if v is None else self._held[c][0] for c, v in enumerate(self._valves)])
+        inside = self._stepper.pressure
+        return np.array([inside[c] if v is None else self._held[c][0] for c, v in enumerate(self._valves)])
 
     def points(self) -> Array:
         """Return the true positions (S, 2 or 3) [m] of S points of the simulated shape, at the plant's arc lengths

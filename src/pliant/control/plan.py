@@ -9,10 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from pliant.control.design import LqrDesign, design_outputs
-from pliant.control.equilibria import Equilibria, equilibria
-from pliant.control.limits import Limits
+from pliant.control.steady_inputs import Equilibria, equilibria
 from pliant.control.trajectory import Planner, Trajectory
-from pliant.control.tuning import MpcTuning, PidTuning, Tuning
+from pliant.control.tuning import Limits, MpcTuning, PidTuning, Tuning
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import frozen
@@ -203,22 +202,22 @@ class Plan:
         """The linear-quadratic regulator that makes the outputs follow the task's reference."""
         if self.several:
             return self.designed(self.task.outputs, self.rows, path=self.task.path and self.task.planned)
-        made, family, late = self.trajectory, self.family, round(self.latency / self.period)
-        far = self.rows[:, 0] if made is None else made.displacement
-        if made is not None and self.follows == "path":  # the reference is delayed as the shape is
+        trajectory, family, late = self.trajectory, self.family, round(self.latency / self.period)
+        far = self.rows[:, 0] if trajectory is None else trajectory.displacement
+        if trajectory is not None and self.follows == "path":  # the reference is delayed as the shape is
             far = np.append(far[late:], np.full(late, far[-1]))
-        far = np.clip(far, 0.0, family.reach) if made is not None else far
-        moves = made is not None and self.follows == "path"
-        held = far if made is None or moves else made.wanted
-        design = self.designed(TIP, family.moved(held), path=moves)
+        far = np.clip(far, 0.0, family.reach) if trajectory is not None else far
+        moves = trajectory is not None and self.follows == "path"
+        levels = far if trajectory is None or moves else trajectory.wanted
+        design = self.designed(TIP, family.moved(levels), path=moves)
         way = np.array([family.at(p)[2] for p in design.pressure[:, 0]])
         design = replace(design, along=(far, way))
-        if made is None or moves:
+        if trajectory is None or moves:
             return design
         beside, sent = design.beside.copy(), 2 * self.body.n
-        beside[:, : made.lead.shape[1] - 1] = made.lead[:, :-1]
+        beside[:, : trajectory.lead.shape[1] - 1] = trajectory.lead[:, :-1]
         beside[:, sent:] /= KILO
-        return replace(design, wanted=family.moved(far), beside=beside, lead=made.lead[:, -1:] / KILO, late=0)
+        return replace(design, wanted=family.moved(far), beside=beside, lead=trajectory.lead[:, -1:] / KILO, late=0)
 
     def designed(self, outputs: tuple[str, ...], rows: Array, *, path: bool) -> LqrDesign:
         """Return the linear-quadratic regulator of the named `outputs` along the reference `rows` (K, m), given as

@@ -8,20 +8,17 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from pliant.control.contract import Controller, Pipeline
+from pliant.control.contract import Controller, Pipeline, controller_kind
 from pliant.control.design import LqrDesign
-from pliant.control.limits import Limits
 from pliant.control.plan import Plan, Task
-from pliant.control.registry import controller_kind
 from pliant.control.rehearsal import Rehearsal, RehearsalSetting, limit_aware
 from pliant.control.steady_inputs import output_weights
 from pliant.control.trajectory import Trajectory
+from pliant.control.tuning import Limits
 from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
-from pliant.estimation.contract import Estimator, EstimatorKind, Setting
-from pliant.estimation.link_angles import LinkAngles, calibrated
-from pliant.estimation.link_tips import LinkTips, with_rest_shape
-from pliant.estimation.registry import estimator_kind
+from pliant.estimation.contract import Estimator, EstimatorKind, Setting, estimator_kind
+from pliant.estimation.link_angles import LinkAngles, LinkTips, calibrated, with_rest_shape
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
@@ -141,14 +138,14 @@ def prepare_control(
     plan = Plan(task, setting.body, limits, period, latency, each, follows=law.follows)
     if plan.several and not law.several:
         raise InputError(f"the controller {law.name!r} needs one chamber and a fixed length: use lqr or mpc")
-    plan, given = replace(plan, trajectory=plan.planned()), Setting(plan.body, period, setting.late)
+    plan, estimator_setting = replace(plan, trajectory=plan.planned()), Setting(plan.body, period, setting.late)
 
     def made(tuned: Task) -> Prepared:
         """Return a new estimator and controller for a task, without a simulated rehearsal of the loop."""
-        own = replace(plan, task=tuned)
-        control, (first, estimator) = law.make(own), (seeing.make(given) for _ in range(2))
+        final = replace(plan, task=tuned)
+        control, (first, estimator) = law.make(final), (seeing.make(estimator_setting) for _ in range(2))
         warm_up(Pipeline(link_angles.frame, first, control), rest, period)
-        return Prepared(own.body, link_angles, estimator, control, getattr(control, "design", None), own.trajectory)
+        return Prepared(final.body, link_angles, estimator, control, getattr(control, "design", None), final.trajectory)
 
     weight = output_weights(body, task.outputs) if plan.several else np.ones(1)
     tuned, rehearsal = limit_aware(
@@ -203,8 +200,8 @@ def behind_rig(model: Model, each: tuple[SupplyValve | None, ...]) -> Model:
     """Return the model with the rig's valves in place of its own, each with one mean frequency for filling and
     emptying.
     """
-    made = (c if s is None else replace(c, valve=s.mean) for c, s in zip(model.chambers, each, strict=True))
-    rig = model.with_(chambers=tuple(made))
+    chambers = (c if s is None else replace(c, valve=s.mean) for c, s in zip(model.chambers, each, strict=True))
+    rig = model.with_(chambers=tuple(chambers))
     check_followed(rig)
     return rig
 

@@ -9,18 +9,17 @@ large as the task's largest displacement.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
-from pliant.control.activity import BAND, settling_time
 from pliant.control.contract import Pipeline
-from pliant.control.limits import Limits
 from pliant.control.model_plant import ModelPlant
 from pliant.control.plan import Task
+from pliant.control.tuning import Limits
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError, SimulationError
 from pliant.model import Model
@@ -33,6 +32,91 @@ QUIET = 0.4  # s for which the outputs must stay in the band
 LONGEST = 3.0  # s, longest settling time, plus the time that the slew limit needs to the highest pressure
 STEP = 1e-3  # s, longest time step of the model
 RAISES = tuple(2.0**k for k in range(11))  # factors of the task's effort weight to try
+
+
+BAND = 0.02  # fraction of a step within which the tip has settled
+STAYS = 0.2  # fraction of a set-point's duration for which the tip must stay settled at its end
+STILL_S = 0.5  # s after the last change of the target, from which the command is taken as at rest
+
+
+def settling_time(time: Array, tip: Array, wanted: float, step: float) -> float | None:
+    """Return the settling time [s] of the tip after a step of its target, or None if the tip does not settle. From this
+    time on the tip deviates from the target by at most 2 % of the step.
+
+    Parameters
+    ----------
+    time : array (T,)
+        Times [s], from the set-point's beginning to its end.
+    tip : array (T,)
+        Displacement of the tip along its path [m].
+    wanted, step : float
+        Target displacement, and its difference from the previous one [m].
+
+    Returns
+    -------
+    float or None
+        None also when the tip is within 2 % for less than the last fifth of the time: it may only pass the target then.
+    """
+    outside = np.flatnonzero(~(np.abs(tip - wanted) <= BAND * abs(step)))
+    if not outside.size:
+        return 0.0
+    if outside[-1] + 1 >= time.size:
+        return None
+    since = float(time[outside[-1] + 1] - time[0])
+    return since if float(time[-1] - time[0]) - since >= STAYS * float(time[-1] - time[0]) else None
+
+
+def settling_times(time: Array, tip: Array, points: Sequence[tuple[float, float]]) -> list[float | None]:
+    """Return the settling time [s] of the tip after each change of the set-point in a run. It is None where the tip
+    does not settle. A set-point is a pair (time [s], displacement [m]).
+
+    The first step begins at 0 m.
+
+    Each set-point lasts up to the next one.
+    """
+    times, before = [], 0.0
+    ends = [*(t for t, _ in points[1:]), np.inf]
+    for (begin, wanted), end in zip(points, ends[: len(points)], strict=True):
+        during = (time >= begin) & (time < end)
+        if wanted != before and during.sum() > 1:
+            times.append(settling_time(time[during], tip[during], wanted, wanted - before))
+        before = wanted
+    return times
+
+
+def command_activity(time: Array, wanted: Array, command: Array) -> dict[str, float]:
+    """Return three measures [Pa] of how much a command changes: its root-mean-square change per control period while
+    the target is at rest, the same while the target moves, and its standard deviation while the target is at rest.
+
+    Parameters
+    ----------
+    time, wanted, command : arrays (T,)
+        Times [s], target displacement [m] and command [Pa]. A period counts as at rest from `STILL_S` after the last
+        change of the target.
+
+    Returns
+    -------
+    dict
+        ``command_change_rest``, ``command_change_motion``: root mean square [Pa] of the change from one period to the
+        next; ``command_sd_rest``: standard deviation [Pa] at rest, about the mean of each interval of rest. NaN where
+        a run has no such interval.
+    """
+    changed = np.append(True, np.diff(wanted) != 0.0)
+    last = np.maximum.accumulate(np.where(changed, time, -np.inf))
+    rest = time - last >= STILL_S
+    step = np.diff(command)
+    still = rest[1:] & rest[:-1]
+    part = np.cumsum(np.append(False, np.diff(rest.astype(int)) > 0))  # which rest
+    about = [command[rest & (part == k)] for k in np.unique(part[rest])]
+    return {
+        "command_change_rest": rms(step[still]), "command_change_motion": rms(step[~still]),
+        "command_sd_rest": rms(np.concatenate([c - c.mean() for c in about])) if about else float("nan"),
+    }
+
+
+def rms(x: Array) -> float:
+    """Return the root mean square of the array `x`, or NaN if it is empty."""
+    return float(np.sqrt(np.mean(x**2))) if x.size else float("nan")
 
 
 class RehearsalSetting(NamedTuple):
@@ -240,10 +324,10 @@ def rehearse(pipeline: Pipeline, setting: RehearsalSetting, task: Task, limits: 
         with catch_warnings():
             simplefilter("ignore", EnergyWarning)  # an unstable loop moves too fast for the time step
             run.go(round(task.duration / setting.period))
-            held = run.wait(band, longest)
+            resting = run.wait(band, longest)
             final = float(np.max(run.error[-round(QUIET / setting.period) :]))
             settling = () if task.path else settling_of(np.array(run.error), setting.period, task.time, levels)
-            if held is not None:
+            if resting is not None:
                 run.displace()
                 first = len(run.error)
                 recovery = run.wait(band, longest)
@@ -272,12 +356,12 @@ def settling_of(error: Array, period: float, begins: Array, levels: Array) -> tu
     `begins` (k,) [s] and `levels` (k, m) [m] are the times and targets of the task.
     """
     time, steps = np.arange(error.size) * period, np.linalg.norm(np.diff(levels, axis=0, prepend=0.0), axis=1)
-    found = []
+    settling = []
     for begin, end, step in zip(begins, [*begins[1:], np.inf], steps, strict=True):
         during = (time >= begin) & (time < end)
         if step > 0.0 and during.sum() > 1:
-            found.append(settling_time(time[during], error[during], 0.0, max(step, LEAST_BAND / BAND)))
-    return tuple(found)
+            settling.append(settling_time(time[during], error[during], 0.0, max(step, LEAST_BAND / BAND)))
+    return tuple(settling)
 
 
 def limit_aware(
@@ -305,13 +389,13 @@ def limit_aware(
     """
     for factor in RAISES if tunable else RAISES[:1]:
         tuned = replace(task, tuning=replace(task.tuning, effort=factor * task.tuning.effort))
-        found = rehearse(make(tuned), setting, tuned, limits, weight)
-        if found.settles:
-            return tuned, replace(found, wanted_effort=task.tuning.effort)
+        trial = rehearse(make(tuned), setting, tuned, limits, weight)
+        if trial.settles:
+            return tuned, replace(trial, wanted_effort=task.tuning.effort)
     within = range_of(limits, setting.body.actuation.units[0])
-    tried = f"any effort weight from {task.tuning.effort:g} to {found.effort:g}" if tunable else "its present tuning"
+    tried = f"any effort weight from {task.tuning.effort:g} to {trial.effort:g}" if tunable else "its present tuning"
     raise InputError(
         f"the loop does not settle in a simulation of its own model, with commands of {within} and {tried}: it ends "
-        f"{found.final_error * 1e3:.3g} mm from its target ({found.band * 1e3:.3g} mm allowed); allow faster changes "
+        f"{trial.final_error * 1e3:.3g} mm from its target ({trial.band * 1e3:.3g} mm allowed); allow faster changes "
         "of the command, command smaller steps, or fit a model with more damping"
     )

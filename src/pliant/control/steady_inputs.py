@@ -1,20 +1,19 @@
-"""Steady inputs: the pressures of several chambers that hold outputs, such as the tip position, at given values."""
+"""Steady inputs that hold outputs, such as the tip position, at given values, and equilibria over all pressures."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z, ANGLE
 from pliant.equations.symbols import Sight
 from pliant.errors import InputError, SimulationError
-from pliant.estimation.measurement import row_width
 from pliant.estimation.offline import frame_of
 from pliant.estimation.symbols import FilterFrame
 from pliant.linear.linearisation import LinearModel, linearise
 from pliant.mechanics import mechanics_of
-from pliant.model import Model
+from pliant.model import Model, fixed_length
 from pliant.simulation import state
 from pliant.units import in_words
 
@@ -39,13 +38,13 @@ def output_values(model: Model, angle: Array, outputs: tuple[str, ...]) -> Array
     coordinates `angle` (..., N).
     """
     tip = mechanics_of(model).tips(angle)[..., -1, :]
-    last = tip if model.space is not None else np.concatenate([tip, angle[..., model.n - 1 : model.n]], axis=-1)
-    return last[..., which_outputs(model, outputs)]
+    values = np.concatenate([tip, angle[..., model.n - 1 : model.n]], axis=-1)  # the angle is one in a plane only
+    return values[..., which_outputs(model, outputs)]
 
 
 def which_outputs(model: Model, outputs: tuple[str, ...]) -> list[int]:
     """Return the indices of the named outputs among those of a model; raise InputError for an unknown name."""
-    known = ("tip_x", "tip_y", "angle_sum" if model.space is None else "tip_z")
+    known = list(mechanics_of(model).outputs)
     if strange := [name for name in outputs if name not in known]:
         raise InputError(f"unknown output {strange[0]!r}: use one or more of {', '.join(known)}")
     return [known.index(name) for name in outputs]
@@ -55,11 +54,12 @@ def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[FilterFrame, S
     """Return the named outputs of the tip as rows of a measurement, with scratch arrays, as compiled kernels take them:
     the arguments `frame` and `sight` of `observation.outputs`.
     """
-    kinds = (ALONG_X, ALONG_Y, ANGLE if model.space is None else ALONG_Z)
+    chain = mechanics_of(model)
+    kinds = list(chain.outputs.values())
     tip = (model.n - 1, float(model.link_length[-1]), 0.0, 0.0)
-    rows = np.array([(kinds[k], *tip) for k in which_outputs(model, outputs)])[:, : row_width(model)]
+    rows = np.array([(kinds[k], *tip) for k in which_outputs(model, outputs)])[:, : chain.row_width]
     none = np.zeros(len(outputs))
-    return frame_of(model, rows, none, none), mechanics_of(model).sight(np.array)
+    return frame_of(model, rows, none, none), chain.sight(np.array)
 
 
 def output_rates(model: Model, x: Array, v: Array, outputs: tuple[str, ...]) -> tuple[Array, Array, Array]:
@@ -125,14 +125,14 @@ def steady_inputs(model: Model, outputs: tuple[str, ...], wanted: Array, highest
     """
     weight = output_weights(model, outputs)
     begins = [start, 0.5 * highest, *(0.5 * np.diag(highest)), *(highest - 0.5 * np.diag(highest))]
-    found = []
+    rests = []
     for begin in begins:
         rest = nearest(model, outputs, wanted, highest, begin)
         far = float(np.linalg.norm(weight * (rest.value - wanted)))
         if far <= REACHED:
             return rest
-        found.append((far, rest))
-    far, rest = min(found, key=lambda pair: pair[0])
+        rests.append((far, rest))
+    far, rest = min(rests, key=lambda pair: pair[0])
     still = output_values(model, mechanics_of(model).coordinates(state.equilibrium(model, 0.0)), outputs)
     said = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, wanted - still, strict=True))
     best = ", ".join(f"{n} {v:.4g}" for n, v in zip(outputs, rest.value - still, strict=True))
@@ -203,3 +203,104 @@ def bounded_least_squares(H: Array, b: Array, start: Array, highest: float) -> A
             return x + step
         x = x + step
     return x
+
+
+POINTS = 41
+ROUNDING = 1e-12  # m
+
+
+@dataclass(frozen=True)
+class Equilibria:
+    """Static equilibria of a planar model at increasing pressures: link angles, tip position and direction of the tip's
+    path.
+
+    Attributes
+    ----------
+    pressure : array (G,)
+        Pressures [Pa], from 0 to the highest allowed.
+    angle : array (G, n)
+        Absolute link angles [rad].
+    tip : array (G, 2)
+        Tip positions [m] in the model's frame.
+    travel : array (G,)
+        Length of the tip's path through the equilibria, from pressure 0 on [m].
+    direction : array (G, 2)
+        Unit tangent of the tip's path, towards more pressure.
+    """
+
+    pressure: Array
+    angle: Array
+    tip: Array
+    travel: Array
+    direction: Array
+
+    @property
+    def reach(self) -> float:
+        """Displacement [m] of the tip from its unpressurised position at the highest pressure."""
+        return float(self.displacement[-1])
+
+    @property
+    def displacement(self) -> Array:
+        """Distance (G,) [m] of the tip from its unpressurised position, at each of G pressures."""
+        return np.linalg.norm(self.tip - self.tip[0], axis=1)
+
+    def pressure_for(self, displacement: float) -> float:
+        """Return the pressure [Pa] at which the tip is `displacement` [m] away from its unpressurised position in
+        equilibrium.
+
+        Raises
+        ------
+        InputError
+            When no pressure up to the highest allowed moves the tip that far.
+        """
+        far = self.displacement
+        rising = int(np.argmax(far)) + 1
+        if not (np.isfinite(displacement) and -ROUNDING <= displacement <= far[rising - 1]):
+            raise InputError(
+                f"a tip displacement of {displacement * 1e3:.4g} mm is out of reach: up to "
+                f"{self.pressure[-1] * 1e-3:.4g} kPa the model's tip moves 0 ... {far[rising - 1] * 1e3:.4g} mm; "
+                "choose a displacement in this range"
+            )
+        return float(np.interp(displacement, far[:rising], self.pressure[:rising]))
+
+    def moved(self, displacement: Array) -> Array:
+        """Return the displacement vectors (K, 2) [m] of the tip from its unpressurised position, for K distances
+        `displacement` [m] from that position.
+        """
+        return np.array([self.at(self.pressure_for(float(d)))[1] for d in displacement]) - self.tip[0]
+
+    def at(self, pressure: float) -> tuple[Array, Array, Array]:
+        """Return link angles (n,) [rad], tip position (2,) [m] and unit direction of the tip's path (2,) in equilibrium
+        at `pressure` [Pa].
+        """
+        p = float(np.clip(pressure, self.pressure[0], self.pressure[-1]))
+        k = min(int(np.searchsorted(self.pressure, p, side="right")) - 1, self.pressure.size - 2)
+        share = (p - self.pressure[k]) / (self.pressure[k + 1] - self.pressure[k])
+        rows = (self.angle, self.tip, self.direction)
+        angle, tip, way = ((1 - share) * r[k] + share * r[k + 1] for r in rows)
+        return angle, tip, way
+
+
+def equilibria(model: Model, highest: float, points: int = POINTS) -> Equilibria:
+    """Return the static equilibria of `model`, with one chamber, at `points` pressures from 0 to `highest` [Pa].
+
+    Raises
+    ------
+    InputError
+        When the highest pressure is not positive, or more pressure does not bend the model further.
+    """
+    if not (np.isfinite(highest) and highest > 0):
+        raise InputError(f"the highest pressure must be positive, in Pa, got {highest}")
+    fixed_length(model)
+    pressure = np.linspace(0.0, highest, points)
+    angle = np.array([mechanics_of(model).coordinates(state.equilibrium(model, p)) for p in pressure])
+    tip = mechanics_of(model).tips(angle)[:, -1]
+    piece = np.linalg.norm(np.diff(tip, axis=0), axis=1)
+    if not np.all(np.diff(angle[:, -1]) > 0) or not np.all(piece > 0):
+        raise InputError(
+            "the model does not bend further with every increase of the pressure up to the highest pressure: lower the "
+            "highest pressure"
+        )
+    direction = np.gradient(tip, pressure, axis=0)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return Equilibria(pressure, angle, tip, np.concatenate([[0.0], np.cumsum(piece)]), direction)

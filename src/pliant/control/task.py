@@ -11,10 +11,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from pliant.control.limits import Limits
+from pliant.control.contract import controller_kind
 from pliant.control.plan import Task
-from pliant.control.registry import controller_kind
-from pliant.control.tuning import Tuning
+from pliant.control.tuning import Limits, Tuning
 from pliant.control.valve import SupplyValve
 from pliant.errors import explain_validation
 from pliant.files import read_entries
@@ -224,8 +223,8 @@ class TaskFile(Entry):
         limits = [name for name in SCALES if f"highest_{name}" in self.model_fields_set]
         slews = [name for name in SCALES if f"slew_{name}_per_s" in self.model_fields_set]
         if len({*limits, *slews}) > 1 or (slews and slews[0] != self._scale):
-            given = ", ".join([*(f"highest_{n}" for n in limits), *(f"slew_{n}_per_s" for n in slews)])
-            raise ValueError(f"limits all inputs in one unit, in highest_... and slew_..._per_s alike, got {given}")
+            entries = ", ".join([*(f"highest_{n}" for n in limits), *(f"slew_{n}_per_s" for n in slews)])
+            raise ValueError(f"limits all inputs in one unit, in highest_... and slew_..._per_s alike, got {entries}")
         if self.valve and self.valves:
             raise ValueError("may have [valve] for all chambers or [valves.NAME] for each, not both")
         if len({wanted(p) for p in self.setpoint}) > 1:

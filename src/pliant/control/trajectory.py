@@ -12,11 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pliant.control.equilibria import Equilibria
-from pliant.control.limits import Limits
-from pliant.control.steady_inputs import bounded_least_squares
-from pliant.control.valve import SupplyValve, supply_of
-from pliant.control.valve_states import behind_supply, valve_under
+from pliant.control.steady_inputs import Equilibria, bounded_least_squares
+from pliant.control.tuning import Limits
+from pliant.control.valve import SupplyValve, behind_supply, supply_of, valve_under
 from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import frozen
 from pliant.linear.linearisation import LinearModel, linearise
@@ -135,16 +133,16 @@ class Planner:
             When the times do not increase by at least a period, or a displacement is out of reach.
         """
         period, family = self.period, self.family
-        at = np.rint(np.asarray(time, dtype=float) / period).astype(int)
-        if at.size == 0 or at[0] < 0 or np.any(np.diff(at) <= 0):
+        periods = np.rint(np.asarray(time, dtype=float) / period).astype(int)
+        if periods.size == 0 or periods[0] < 0 or np.any(np.diff(periods) <= 0):
             raise InputError(
                 "the times of the set-points must begin at 0 s or later and increase by at least one control period"
             )
-        K = max(round(duration / period), int(at[-1]) + 2)
-        wanted = np.append(0.0, displacement)[np.searchsorted(at, np.arange(K), side="right")]
+        K = max(round(duration / period), int(periods[-1]) + 2)
+        wanted = np.append(0.0, displacement)[np.searchsorted(periods, np.arange(K), side="right")]
         target = np.array([family.pressure_for(float(d)) for d in wanted])
         command = np.zeros(K)
-        for first, last in zip(at, np.append(at[1:], K), strict=True):
+        for first, last in zip(periods, np.append(periods[1:], K), strict=True):
             command = self._fastest(target, wanted, command, int(first), int(last))
         return self._followed(target, wanted, command)
 
@@ -182,30 +180,30 @@ class Planner:
                 few = middle
         count = min(round(self.slack * many), last - first - 1)
         later = first + count + round(AFTER / self.period)
-        made = self._moved(target, wanted, command, first, count)[0]
+        commands = self._moved(target, wanted, command, first, count)[0]
         for _ in range(2):  # then the pressures that hold the tip against creep
-            made[later:] = np.clip(self._hold(target, self._run(made, 0.0)[2])[later:], 0.0, self.ceiling)
-        return made
+            commands[later:] = np.clip(self._hold(target, self._run(commands, 0.0)[2])[later:], 0.0, self.ceiling)
+        return commands
 
     def _moved(self, target: Array, wanted: Array, command: Array, first: int, count: int) -> tuple[Array, float]:
         """Return commands with `count` free periods from `first` on, constant ones after, and the largest error [m]."""
         end = min(first + count + round(AFTER / self.period), target.size)
-        made, before = command.copy(), float(command[first - 1]) if first else 0.0
-        made[first:] = min(float(target[first]), self.ceiling)
+        commands, before = command.copy(), float(command[first - 1]) if first else 0.0
+        commands[first:] = min(float(target[first]), self.ceiling)
         part = slice(first, end)
         free = np.eye(end - first, count + 1)
         free[count:, count] = 1.0
         weight = (np.arange(end - first) >= count).astype(float)
         size, worst = abs(float(wanted[first] - (wanted[first - 1] if first else 0.0))), np.inf
-        left = wanted[:end] - self._tip(made[:end])
+        left = wanted[:end] - self._tip(commands[:end])
         for _ in range(ROUNDS):
-            made[part] = self._nearest(free, weight, left[part], made[part], before)
-            made[end:] = made[end - 1]
-            left = wanted[:end] - self._tip(made[:end])
+            commands[part] = self._nearest(free, weight, left[part], commands[part], before)
+            commands[end:] = commands[end - 1]
+            left = wanted[:end] - self._tip(commands[:end])
             worst = float(np.abs(left)[first + count :].max(initial=0.0))
             if worst <= 0.5 * CLOSE * size:
                 break
-        return made, worst
+        return commands, worst
 
     def _step_response(self, count: int) -> Array:
         """Return the tip's displacement (count,) [m/Pa] at the ends of the periods for a unit command in the first."""
@@ -234,11 +232,11 @@ class Planner:
         for _ in range(12):
             H = effect.T @ effect + cost**2 * change.T @ change
             start = bounded_least_squares(H, effect.T @ aim + cost**2 * change.T @ behind, start, self.ceiling)
-            made = free @ start
-            if np.abs(np.diff(made, prepend=before)).max() <= reach * 1.001:
+            commands = free @ start
+            if np.abs(np.diff(commands, prepend=before)).max() <= reach * 1.001:
                 break
             cost *= 2.0
-        return np.asarray(made)
+        return np.asarray(commands)
 
     def _run(self, command: Array, late: float) -> tuple[Array, Array, Array, Array]:
         """Simulate the full model; return angles, rates and rest shifts (K, n) and tips (K, 2) for every period."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pliant.estimation.adaptive_observer import AdaptiveObserver, frozen
-from pliant.estimation.contract import Estimator, EstimatorKind, Frame, Setting, State
+from pliant.estimation.contract import Estimator, EstimatorKind, Frame, Setting, State, estimators
 from pliant.estimation.differences import Differences
 from pliant.estimation.kalman import KalmanFilter
 from pliant.estimation.link_angles import LinkAngles, calibrated
 from pliant.estimation.measurement import rows_of
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import estimate
-from pliant.estimation.registry import estimators
 from pliant.estimation.release import release_of
 
 __all__ = [

@@ -137,9 +137,9 @@ class AdaptiveObserver:
         q = state.equilibrium(model, 0.0)
         self._x = np.zeros((5, n))
         self._x[0] = mechanics_of(model).coordinates(q)
-        angle, rate, own, innovation, shift = self._x
+        angle, rate, bias, innovation, shift = self._x
         self.own = ObserverState(
-            angle, rate, own, innovation, shift, state.relaxed(model, q), np.zeros(3 * n), np.array(self._scale),
+            angle, rate, bias, innovation, shift, state.relaxed(model, q), np.zeros(3 * n), np.array(self._scale),
             model.actuation.rest_state(0.0),
         )
         self._records = self.own, self.body, self.gains, self.pace, self.workspace
@@ -188,8 +188,8 @@ class AdaptiveObserver:
         if math.isfinite(self._time):
             periods = min(max(round((time - self._time) / self.period), 0), 100)
         self._time = time
-        seen = np.ascontiguousarray(values, dtype=float)
-        outcome = self._follow(periods, self._pressure, seen, self._tuples)
+        measured = np.ascontiguousarray(values, dtype=float)
+        outcome = self._follow(periods, self._pressure, measured, self._tuples)
         if outcome == FRAME_LOST:
             self.missed += 1
         elif outcome == STEP_FAILED:
@@ -200,9 +200,9 @@ class AdaptiveObserver:
     def state(self, time: float) -> State:
         """Return the state at the last frame, for any `time`, as this observer does not predict further."""
         del time
-        angle, rate, own, _, shift = self._x.copy()
+        angle, rate, bias, _, shift = self._x.copy()
         return State(
-            self._time, angle, rate, shift, self.body.joints.K * own, self._covariance, self.scale, self.fault
+            self._time, angle, rate, shift, self.body.joints.K * bias, self._covariance, self.scale, self.fault
         )
 
 

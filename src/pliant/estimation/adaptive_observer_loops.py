@@ -40,10 +40,10 @@ def follow(periods, pressure, values, state, model, gains, pace, workspace):
     if lost(values):
         outcome = FRAME_LOST
     else:
-        seen = 0.0
+        total = 0.0
         for i in range(len(values)):
-            seen = seen + values[i]
-            state.innovation[i] = seen - state.angle[i]
+            total = total + values[i]
+            state.innovation[i] = total - state.angle[i]
         correct_all(state, gains, workspace.weight, workspace.move)
         for i in range(len(values)):
             if not abs(state.innovation[i]) < pace.largest:
@@ -61,13 +61,13 @@ def follow_of_tuples(periods, pressure, values, records):
     """
     state, model, gains, pace, workspace = records
     joints, body, chambers, memory, instantaneous = model
-    own = ObserverModel(
+    chain = ObserverModel(
         Joints(*joints), Body(*body), ActuationConstants(*chambers), MemoryLaw(*memory), instantaneous
     )
-    held, work, springs, gain, weight, move = workspace
-    scratch = Held(*held[:10], Joints(*held[10]))
+    held_work, work, springs, gain, weight, move = workspace
+    scratch = Held(*held_work[:10], Joints(*held_work[10]))
     storage = ObserverWorkspace(scratch, Workspace(*work), Joints(*springs), gain, weight, move)
-    return follow(periods, pressure, values, ObserverState(*state), own, ObserverGains(*gains), Pace(*pace), storage)
+    return follow(periods, pressure, values, ObserverState(*state), chain, ObserverGains(*gains), Pace(*pace), storage)
 
 
 def lost(values):
@@ -85,11 +85,11 @@ def ahead(state, pressure, model, count, h, workspace):
     springs = workspace.springs
     for i in range(len(state.angle)):
         springs.theta0[i] = model.joints.theta0[i] + state.own_shift[i]
-    own, work, failed = model.chambers, workspace.work, False
+    constants, work, failed = model.chambers, workspace.work, False
     for c in range(len(pressure)):
-        for i in range(own.gain.shape[1]):
-            workspace.gain[c, i] = own.gain[c, i] * state.factor[0]
-    chambers = ActuationConstants(own.law, workspace.gain, own.rubber)
+        for i in range(constants.gain.shape[1]):
+            workspace.gain[c, i] = constants.gain[c, i] * state.factor[0]
+    chambers = ActuationConstants(constants.law, workspace.gain, constants.rubber)
     past = Past(model.memory, state.memory, workspace.held)
     for _ in range(count):
         held_torques(h, pressure, chambers, state.slow, work.tau)
@@ -136,15 +136,15 @@ def correct_all(state, gains, weight, move):
     gain, precision = gains.gain, gains.precision
     n = len(innovation)
     along = 0.0
-    seen = 0.0
+    total = 0.0
     for i in range(n):
         weight[i] = 0.0
         for j in range(n):
             weight[i] = weight[i] + precision[i, j] * by[j]
         along = along + by[i] * weight[i]
-        seen = seen + weight[i] * innovation[i]
+        total = total + weight[i] * innovation[i]
     part = factor[1] / (1.0 + factor[1] * along)
-    change = part * seen
+    change = part * total
     factor[0] = factor[0] + change
     factor[1] = factor[1] - factor[1] * part * along
     for a in range(3 * n):

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from pliant.model import Model
+from pliant.plugins import chosen, offered
 from pliant.shapes import Float
 
 Array = np.ndarray
@@ -121,3 +122,21 @@ class EstimatorKind:
     make: Callable[[Setting], Estimator]
     predicts: bool = False
     fixed_length: bool = False
+
+
+GROUP = "pliant.estimators"
+BUILT_IN = {
+    "observer": "pliant.estimation.adaptive_observer:ESTIMATOR",
+    "filter": "pliant.estimation.kalman:ESTIMATOR",
+    "differences": "pliant.estimation.differences:ESTIMATOR",
+}
+
+
+def estimators() -> dict[str, EstimatorKind]:
+    """Return all known estimators by name, each with its constructor and properties."""
+    return offered(GROUP, BUILT_IN, EstimatorKind)
+
+
+def estimator_kind(name: str) -> EstimatorKind:
+    """Return the registered estimator called `name`; raise InputError with the known names if there is none."""
+    return chosen(GROUP, BUILT_IN, EstimatorKind, name)

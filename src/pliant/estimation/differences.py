@@ -80,11 +80,11 @@ class Differences:
         e, and the covariance g of it with e_k.
         """
         n, g = self._model.n, self._gain
-        own = np.tril(np.ones((n, n))) * self._variance
-        own = own @ np.tril(np.ones((n, n))).T
+        covariance = np.tril(np.ones((n, n))) * self._variance
+        covariance = covariance @ np.tril(np.ones((n, n))).T
         out = np.empty((2 * n, 2 * n))
-        out[:n, :n], out[:n, n:], out[n:, :n] = own, g * own, g * own
-        out[n:, n:] = 2.0 * g * g / (1.0 + self._keep) * own
+        out[:n, :n], out[:n, n:], out[n:, :n] = covariance, g * covariance, g * covariance
+        out[n:, n:] = 2.0 * g * g / (1.0 + self._keep) * covariance
         return out
 
 

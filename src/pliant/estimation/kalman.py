@@ -166,10 +166,10 @@ class KalmanFilter:
         InputError
             When it is not finite, or does not have one value for each chamber.
         """
-        held = self.model.actuation.pressures(pressure)
-        if not (np.isfinite(held).all() and math.isfinite(time)):
+        levels = self.model.actuation.pressures(pressure)
+        if not (np.isfinite(levels).all() and math.isfinite(time)):
             raise InputError(f"a pressure sample must be finite, got {pressure} Pa at {time} s: leave this sample out")
-        self._take(FilterEvent(float(time), held, None, None, None))
+        self._take(FilterEvent(float(time), levels, None, None, None))
 
     def push_frame(
         self, time: float, rows: Float[Array, "m 4"], values: Float[Array, " m"], variance: Float[Array, " m"],
@@ -262,14 +262,14 @@ class KalmanFilter:
         """Go back to before the event, apply it, and apply again all later events."""
         now, again = self.time, []
         while self._events and self._events[-1][1].time > event.time:
-            kept, later = self._events.pop()
+            undone, later = self._events.pop()
             again.append(later)
-            self._restore(kept)
+            self._restore(undone)
             self.counts.used -= later.value is not None
         self.counts.late += event.value is not None
         if event.time < self.time:
-            kept, earlier = self._events.pop()
-            self._restore(kept)
+            undone, earlier = self._events.pop()
+            self._restore(undone)
             self.counts.used -= earlier.value is not None
             again.append(earlier)
         for e in sorted([event, *again], key=lambda e: e.time):

@@ -98,11 +98,11 @@ def add_noise(P, n, h, gain, noise, J, G):
 
     `G` (2n,) is workspace.
     """
-    own, common, random_walk, motion_growth, recent = noise
+    each, common, random_walk, motion_growth, recent = noise
     m = 2 * n
     for i in range(n):
         for a in range(m):
-            f = own[i] / h * J[m + i, a]
+            f = each[i] / h * J[m + i, a]
             for b in range(m):
                 P[a, b] += f * J[m + i, b]
     for c in range(len(common)):
@@ -266,3 +266,31 @@ def store(state, x, C):
             x[a] = d[a - 2 * n]
         for b in range(P.shape[0]):
             C[a, b] = P[a, b]
+
+
+def joint_values(points, ends, out):
+    """Write to `out` (n,) [rad] the angles of n links, each relative to the link before, computed from S points (S, 2)
+    [m] on the body.
+
+    The first angle is relative to +y; all are NaN if a point is lost. `ends` holds for each end of a link the index of
+    the point before it (n + 1,) and the weight of the point after it (n + 1,). Angles are unwrapped.
+    """
+    left, share = ends
+    for k in range(len(points)):
+        if not (np.isfinite(points[k, 0]) and np.isfinite(points[k, 1])):
+            for i in range(len(out)):
+                out[i] = np.nan
+            return
+    before = 0.0
+    for i in range(len(left) - 1):
+        j = left[i]
+        k = left[i + 1]
+        x = (1.0 - share[i + 1]) * points[k, 0] + share[i + 1] * points[k + 1, 0]
+        y = (1.0 - share[i + 1]) * points[k, 1] + share[i + 1] * points[k + 1, 1]
+        x = x - ((1.0 - share[i]) * points[j, 0] + share[i] * points[j + 1, 0])
+        y = y - ((1.0 - share[i]) * points[j, 1] + share[i] * points[j + 1, 1])
+        turn = np.arctan2(-x, y)
+        if i > 0:
+            turn = turn - 2.0 * np.pi * np.round((turn - before) / (2.0 * np.pi))
+        out[i] = turn - before
+        before = turn

@@ -17,7 +17,7 @@ from pliant.mechanics import mechanics_of
 from pliant.mechanics.spatial import SpatialChain
 from pliant.model import Model, Station, fixed_length
 from pliant.model.features import RESTING, Consumer
-from pliant.recording.base_pose import base_moves
+from pliant.recording.inputs import base_moves
 from pliant.recording.schema import check_recording, recorded_further
 from pliant.reduction import links_of
 from pliant.reduction.body import body_of
@@ -76,10 +76,10 @@ def rows_of(
         if not 0 <= s.link < model.n:
             raise InputError(f"station {s.name!r} lies on the base and does not depend on the links: leave it out")
         for variable in (*["position"] * position, *turned, *further):
-            place = (0.0, 0.0, 0.0) if variable in turned else (s.along, s.across, s.aside)
-            own = further[variable][k] if variable in further else ()
-            behind = (*own, *extra)[: len(extra)]
-            rows += [(*(kind, s.link, *place)[:width], *behind) for kind in kinds_of(variable, dimension)]
+            offsets = (0.0, 0.0, 0.0) if variable in turned else (s.along, s.across, s.aside)
+            constants = further[variable][k] if variable in further else ()
+            behind = (*constants, *extra)[: len(extra)]
+            rows += [(*(kind, s.link, *offsets)[:width], *behind) for kind in kinds_of(variable, dimension)]
     return np.array(rows, dtype=float).reshape(-1, width + len(extra))
 
 
@@ -101,7 +101,7 @@ def row_width(model: Model) -> int:
     """Return the number of columns that define a measured quantity: 4 (its kind, its link, and its distances along and
     across the link), in space 5 (also its distance to the side).
     """
-    return 4 if model.space is None else 5
+    return mechanics_of(model).row_width
 
 
 def check_frame(model: Model, rows: Array, values: Array, variance: Array) -> None:
@@ -169,8 +169,8 @@ def flips(rows: Array, values: Array, seen: Array) -> int:
     turned = IS_TURN[rows[:, 0].astype(int)]
     if not turned.any():
         return 0
-    given, found = (a[..., turned].reshape(*a.shape[:-1], -1, 3) for a in (values, seen))
-    return int((np.isfinite(given).all(axis=-1) & np.isnan(found[..., 0])).sum())
+    measured, predicted = (a[..., turned].reshape(*a.shape[:-1], -1, 3) for a in (values, seen))
+    return int((np.isfinite(measured).all(axis=-1) & np.isnan(predicted[..., 0])).sum())
 
 
 def measurement_of(
@@ -227,12 +227,12 @@ def bends_away(recording: xr.Dataset, model: Model) -> bool:
         return False
     pressure = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
     x = recording["position"].values[:, -1, 0]
-    seen = np.isfinite(x)
-    level = np.interp(recording["time"].values, recording["pressure_time"].values, pressure[:, 0])[seen]
-    if pressure.shape[1] > 1 or not (level.size and np.ptp(level) > 0 and np.ptp(x[seen]) > 0):
+    finite = np.isfinite(x)
+    level = np.interp(recording["time"].values, recording["pressure_time"].values, pressure[:, 0])[finite]
+    if pressure.shape[1] > 1 or not (level.size and np.ptp(level) > 0 and np.ptp(x[finite]) > 0):
         return False
     torque = model.torque_at(float(level.max())) * model.joint_gain.sum()
-    return bool(np.corrcoef(level, x[seen])[0, 1] * np.sign(torque) > PLAIN)
+    return bool(np.corrcoef(level, x[finite])[0, 1] * np.sign(torque) > PLAIN)
 
 
 def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
@@ -253,10 +253,10 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
         columns += [column for value in values.values() for column in value.T]
         turned = bool({"angle", "quaternion"} & set(values))
         constants = {n: c[k : k + 1] for n, (_, c) in further.items()}
-        own = rows_of(model, (s,), position="position" in values, angle=turned, further=constants)
-        rows.append(own)
-        label += [f"{s.name} {KINDS[kind].name}" for kind in own[:, 0]]
-        variance += [noise.of_row(kind, s.name) ** 2 for kind in own[:, 0]]
+        station_rows = rows_of(model, (s,), position="position" in values, angle=turned, further=constants)
+        rows.append(station_rows)
+        label += [f"{s.name} {KINDS[kind].name}" for kind in station_rows[:, 0]]
+        variance += [noise.of_row(kind, s.name) ** 2 for kind in station_rows[:, 0]]
     time, value = recording["time"].values.astype(float), np.stack(columns, axis=1)
     return Measurement(time, np.concatenate(rows), value, np.array(variance), tuple(label), ())
 
@@ -280,9 +280,9 @@ def orientations_of(recording: xr.Dataset, model: Model, stations: tuple[Station
     chain = SpatialChain(model)
     links = chain.posed(chain.coordinates(state.equilibrium(model))).R[[s.link + 1 for s in stations]]
     quaternion = recording["quaternion"].sel(station=[s.name for s in stations]).values.astype(float)
-    turns, seen = measured_turns(quaternion)
-    vectors = Rotation.from_matrix((turns @ links).reshape(-1, 3, 3)).as_rotvec().reshape(*seen.shape, 3)
-    vectors[~seen] = np.nan
+    turns, measured = measured_turns(quaternion)
+    vectors = Rotation.from_matrix((turns @ links).reshape(-1, 3, 3)).as_rotvec().reshape(*measured.shape, 3)
+    vectors[~measured] = np.nan
     return np.asarray(vectors)
 
 

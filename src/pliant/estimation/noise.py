@@ -133,8 +133,8 @@ def default_noise(model: Model, *, disturbance: bool = True, recordings: Sequenc
     """
     stiffness = float(np.mean(model.stiffness))
     alone = [r["angle"].values for r in recordings if "angle" in r and "position" not in r]
-    shown = [float(np.sqrt(np.mean(sensor_noise(angle) ** 2))) for angle in alone]
-    angle = max([Noise.angle, *shown])
+    levels = [float(np.sqrt(np.mean(sensor_noise(angle) ** 2))) for angle in alone]
+    angle = max([Noise.angle, *levels])
     if not disturbance:
         return Noise(torque=ALONE_SHARE * stiffness, angle=angle)
     return Noise(

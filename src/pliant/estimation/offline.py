@@ -119,20 +119,20 @@ def estimate(
     """
     settings = noise or default_noise(model, disturbance=disturbance, recordings=[recording])
     measurement = measurement_of(recording, model, settings, stations)
-    source, held = input_of(recording, model, pressure, pressure_window, drive)
+    source, body = input_of(recording, model, pressure, pressure_window, drive)
     times = measurement.time - latency
     if times.size < 3:  # the first meets the assumed start, and two more are compared with each other
         raise InputError(f"estimation needs at least three frames, got {times.size}: record for longer")
     steps = STEPS if time_step is None else (time_step,)
     for step in steps:
-        plan = drive_plan(held, source, times, step)
+        plan = drive_plan(body, source, times, step)
         try:
-            out = run(held, measurement, plan, settings)
+            out = run(body, measurement, plan, settings)
             break
         except SimulationError:
             if step == steps[-1]:
                 raise
-    return described(held, measurement, out, settings, plan, lag).assign_attrs(step_s=step)
+    return described(body, measurement, out, settings, plan, lag).assign_attrs(step_s=step)
 
 
 def input_of(
@@ -163,16 +163,16 @@ def averaged(clock: Array, values: Array, window: float) -> tuple[Array, Array]:
     if window == 0 or clock.size < 2:
         return clock, values
     integral = np.append(0.0, np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(clock)))
-    at = clock
+    instants = clock
     if np.diff(clock).max() > 0.5 * window:
-        at = np.unique(np.concatenate([clock, clock - 0.5 * window, clock + 0.5 * window]))
-        at = at[(at >= clock[0]) & (at <= clock[-1])]
-    half = np.minimum(0.5 * window, np.minimum(at - clock[0], clock[-1] - at))
-    mean = np.interp(at, clock, values)
+        instants = np.unique(np.concatenate([clock, clock - 0.5 * window, clock + 0.5 * window]))
+        instants = instants[(instants >= clock[0]) & (instants <= clock[-1])]
+    half = np.minimum(0.5 * window, np.minimum(instants - clock[0], clock[-1] - instants))
+    mean = np.interp(instants, clock, values)
     inner = half > 0
-    gained = primitive(at + half, clock, values, integral) - primitive(at - half, clock, values, integral)
+    gained = primitive(instants + half, clock, values, integral) - primitive(instants - half, clock, values, integral)
     mean[inner] = gained[inner] / (2.0 * half[inner])
-    return at, mean
+    return instants, mean
 
 
 def primitive(at: Array, clock: Array, values: Array, integral: Array) -> Array:
@@ -188,7 +188,7 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
     states, (frames, rows) = noise.states(model), measurement.value.shape
     q = state.equilibrium(model, plan.initial)
     check_lengths(mechanics_of(model), torque=plan.joint_torque)
-    own = FilterState(
+    start = FilterState(
         mechanics_of(model).coordinates(q), np.zeros(model.size), np.zeros(model.size), noise.initial(model),
         state.relaxed(model, q),
     )
@@ -196,7 +196,7 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
     begin = np.concatenate([[0, 0], ends]).astype(np.int64)  # no step leads to the first frame
     out = make_output(frames, states, rows)
     failed = twin(kalman_loops.filter_record, *mechanics_of(model).sizes)(
-        own, chain_of(model), (plan.h, plan.joint_torque, begin), FilterNoise(*noise.densities(model), np.zeros(1)),
+        start, chain_of(model), (plan.h, plan.joint_torque, begin), FilterNoise(*noise.densities(model), np.zeros(1)),
         frame_of(model, *measurement[1:4]), out, make_workspace(model, states, rows),
     )
     if failed >= 0:
@@ -231,8 +231,8 @@ def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:
     variables: dict[str, tuple[Any, ...]] = {}
     for k in range(x.shape[1] // size):
         rows = slice(k * size, (k + 1) * size)
-        own = x[:, rows]
-        values = (chain.joint_coordinates(own), chain.joint_rates(own), own / chain.lever)[k]
+        part = x[:, rows]
+        values = (chain.joint_coordinates(part), chain.joint_rates(part), part / chain.lever)[k]
         sd = standard_deviations(np.diag(1.0 / chain.lever) if k == 2 else chain.to_joints, P[:, rows, rows])
         for kind in chain.kinds:
             variables[kind.names[k]] = (("time", kind.over), values[:, kind.rows], kind.units[k])

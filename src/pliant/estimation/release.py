@@ -70,20 +70,20 @@ def release_of(found: xr.Dataset, *, start: int = 8, frames: int = 6) -> Release
             f"release_of needs at least {start + 2 * frames} frames, got {found.sizes['time']}: record for longer"
         )
     time, torque = found["time"].values, np.concatenate([found[name].values for name in parts], axis=1)
-    held = np.median(torque[start : start + frames], axis=0)
+    grip = np.median(torque[start : start + frames], axis=0)
     left = float(np.sqrt(np.mean(np.sum(torque[-REST:] ** 2, axis=1))))
-    if np.linalg.norm(held) <= CLEAR * left:
+    if np.linalg.norm(grip) <= CLEAR * left:
         raise InputError(
-            f"the torque at the start, {np.linalg.norm(held):.3g} N m, is below {CLEAR:g} times that at the end, "
+            f"the torque at the start, {np.linalg.norm(grip):.3g} N m, is below {CLEAR:g} times that at the end, "
             f"{left:.3g} N m: the body was not held at the start, or is still held at the end; record from before the "
             "release until the body is free"
         )
-    pull = torque @ held / float(held @ held)
+    pull = torque @ grip / float(grip @ grip)
     later = np.arange(start + frames, time.size)
     low, least = later[pull[later] < 0.5], later[pull[later] < 0.1]
     if not least.size:
         raise InputError("the pull does not end within the recording: record until the body is free")
     begin = np.flatnonzero(pull[: low[0]] > 0.9)[-1]
     rest = torque[time > time[low[0]] + 0.5]
-    after = float(np.sqrt(np.sum(rest**2) / max(len(rest), 1) / float(held @ held)))
-    return Release(float(time[begin]), float(time[low[0]]), float(time[least[0]]), held, after)
+    after = float(np.sqrt(np.sum(rest**2) / max(len(rest), 1) / float(grip @ grip)))
+    return Release(float(time[begin]), float(time[low[0]]), float(time[least[0]]), grip, after)

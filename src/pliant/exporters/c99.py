@@ -21,10 +21,8 @@ from pliant.compiler.c import cosine_and_sine
 from pliant.errors import InputError, shown
 from pliant.exporters.c_functions import DERIVED, UNIT, Text, parameters
 from pliant.exporters.c_space import text_of
-from pliant.exporters.control_range import stated_levels
-from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
-from pliant.exporters.registry import Exporter
+from pliant.exporters.registry import Exporter, stated_levels, with_identifiers
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
@@ -170,11 +168,11 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
         "share": "fraction of each link, the base part first, in each segment",
         "tied": "1 where the strain of a segment changes the stiffness of a joint",
     }
-    held = [
+    members = [
         f"{kind} {f}{''.join(f'[{size}]' for size in v.shape)}; /* {notes.get(f) or UNIT.get(f, '')} */"
         for f, v in parameters(text.model).items() if f != "dead_time"
     ]
-    return tuple("\n".join(f"    {row}" for row in part) for part in (rows, held))  # type: ignore[return-value]
+    return tuple("\n".join(f"    {row}" for row in part) for part in (rows, members))  # type: ignore[return-value]
 
 
 def at_start(model: Model, pressure: ArrayLike) -> str:
@@ -216,14 +214,14 @@ def code(
     text = text_of(model, prefix, single=single)
     public, queue = public_step(text, time_step)
     comment = "/*\n" + "\n".join(f" * {line}" for line in provenance.lines("c_comment")) + "\n */\n"
-    rows, held = fields(text, queue)
+    rows, members = fields(text, queue)
     words = {
         "COMMENT": comment, "UP": prefix.upper(), "P": prefix, "N": model.n, "KIND": text.kind,
         "SIZE": model.size, "TWICE": 2 * model.n,
         "POSE": text.pose, "AXES": "x, y and z" if model.space else "x and y", "PLACES": len(model.gravity),
         "COMMANDS": "inputs" if model.actuation.units != ("Pa",) * model.actuation.count else "pressures [Pa gauge]",
         "C": model.actuation.count, "STATIONS": len(model.points), "STEP": repr(float(time_step)),
-        "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": held,
+        "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": members,
         "PRESSURE": at_start(model, pressure), "POINTS": ", ".join(p.name for p in model.points),
     }
     linearise = text.linearise()
@@ -256,10 +254,10 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
             "letters, digits, spaces, ., -, + and _"
         )
     level = stated_levels("c99", "pressure", options["pressure"], model)
-    made = code(model, provenance, **{**options, "pressure": level, "prefix": options["prefix"] or path.stem})
+    written = code(model, provenance, **{**options, "pressure": level, "prefix": options["prefix"] or path.stem})
     header = path.with_suffix(".h")
-    source = made.source.replace(f'#include "{made.prefix}.h"', f'#include "{header.name}"')
-    return write_text(path, source), write_text(header, made.header)
+    source = written.source.replace(f'#include "{written.prefix}.h"', f'#include "{header.name}"')
+    return write_text(path, source), write_text(header, written.header)
 
 
 EXPORTER = Exporter(

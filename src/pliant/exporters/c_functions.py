@@ -68,7 +68,7 @@ def constants(model: Model) -> dict[str, Array]:
     memory = model.memory.law()
     lags = np.array([lag_of(c.valve) for c in model.chambers])
     branches = {f: getattr(memory, f) for f in memory._fields if not f.startswith("boucwen")}
-    held: dict[str, Any] = {
+    stored: dict[str, Any] = {
         "link_length": model.link_length, "link_mass": model.link_mass, "tip_mass": model.tip_mass,
         "tip_inertia": model.tip_inertia,
         "stiffness": model.stiffness, "damping": model.damping,
@@ -80,7 +80,7 @@ def constants(model: Model) -> dict[str, Array]:
         "dead_time": np.array([c.valve.dead_time for c in model.chambers]),
     }
     derived = {"hardening": np.zeros((ROWS, mechanics_of(model).joints.hardening.shape[1]))} | derived_constants(model)
-    return {k: np.asarray(v, dtype=float) for k, v in (held | derived).items()}
+    return {k: np.asarray(v, dtype=float) for k, v in (stored | derived).items()}
 
 
 def rest_shape(model: Model) -> dict[str, Any]:
@@ -352,8 +352,8 @@ class Text:
     def energy(self) -> str:
         """Return the source of the C function that computes kinetic, elastic and gravitational energy."""
         w = self.writer()
-        for k, (kernel, *given) in enumerate(self.energies(w)):
-            w.say(f"joule[{k}] = {w.call(kernel, *given)};")
+        for k, (kernel, *arguments) in enumerate(self.energies(w)):
+            w.say(f"joule[{k}] = {w.call(kernel, *arguments)};")
         return self.reading("energy", "joule[3]", w)
 
     def energies(self, w: CWriter) -> list[tuple[Any, ...]]:
@@ -409,9 +409,9 @@ class Text:
         actuation, pressure = self.given.drives.actuation, self.given.drives.pressure
         slope = w.scratch("slope", (self.model.actuation.count,))
         for c in range(slope.size):
-            given = pressure[c], actuation.law[c], actuation.rubber[c, FORM]
-            w.say(f"{slope[c]} = {w.call(laws.law_slope, *given)};")
-            torque = w.keep(w.call(laws.law_torque, *given), f"torque_{c}")
+            chamber_law = pressure[c], actuation.law[c], actuation.rubber[c, FORM]
+            w.say(f"{slope[c]} = {w.call(laws.law_slope, *chamber_law)};")
+            torque = w.keep(w.call(laws.law_torque, *chamber_law), f"torque_{c}")
             for i in range(self.model.n):
                 before = f"{tau[i]} + " if c else ""
                 w.say(f"{tau[i]} = {before}{actuation.gain[c, i]} * {torque};")

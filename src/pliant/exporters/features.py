@@ -68,8 +68,8 @@ def unbounded(model: Model) -> Model:
     bare = springs_of(model.with_(**dict.fromkeys(LATER_TERMS, 0.0)))
     most = max(np.abs(equilibrium(model, first_alone(model, typical_pressure(model)))).max(), 0.01)
     bend = np.linspace(-most, most, 41)[:, None]
-    held = np.array([bare.torque(np.full(model.n, q)) for q in bend[:, 0]])
-    more = (held / model.stiffness - bend) / most
+    torques = np.array([bare.torque(np.full(model.n, q)) for q in bend[:, 0]])
+    more = (torques / model.stiffness - bend) / most
     shape, *_ = np.linalg.lstsq((bend / most) ** [2, 3], more)
     return model.with_(stiffening=shape[0] / most, cubic_stiffening=shape[1] / most**2, stiffening_bound=[0.0])
 

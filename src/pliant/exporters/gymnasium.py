@@ -15,7 +15,6 @@ import numpy as np
 
 from pliant.batch.stepper import batch_stepper
 from pliant.errors import InputError, SimulationError
-from pliant.exporters.fibre_view import FibreView
 from pliant.exporters.randomisation import Fit, draw_models
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
@@ -23,6 +22,60 @@ from pliant.model.file import model_of
 from pliant.model.space import require_planar
 from pliant.simulation import state
 from pliant.simulation.state import first_alone, typical_pressure
+from pliant.testbed.fibre import FibreSensor
+
+POINTS = 24  # points per link at which the bias is integrated
+
+
+class FibreView:
+    """Simulated fibre sensor that measures the joint angles of N chains with noise, drifting bias and gain error.
+
+    The sensor is that of the virtual laboratory, `pliant.testbed.fibre.FibreSensor`.
+
+    A joint's angle is the curvature integrated along its link. White noise of the gauges accumulates along the link. A
+    bias that is smooth along the fibre varies in time, and a gain error scales the angle. Errors out of the plane, and
+    lost frames, are not modelled.
+
+    Parameters
+    ----------
+    model : Model
+    size : int
+        Number of chains N.
+    period : float
+        Time between two frames [s].
+    sensor : FibreSensor
+    """
+
+    def __init__(self, model: Model, size: int, period: float, sensor: FibreSensor | None = None) -> None:
+        self.sensor = sensor or FibreSensor()
+        self.model, self.size = model, size
+        s, lengths = self.sensor, np.asarray(model.link_length, dtype=float)
+        self.white = s.noise * np.sqrt(s.spacing * lengths)  # (n,) rad
+        starts = model.base_length + np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+        midpoints = (starts[:, None] + lengths[:, None] * (np.arange(POINTS) + 0.5) / POINTS).ravel()
+        alike = s.bias**2 * np.exp(-0.5 * ((midpoints[:, None] - midpoints) / s.bias_length) ** 2)
+        sums = np.kron(np.eye(model.n), np.ones(POINTS)) * np.repeat(lengths / POINTS, POINTS)
+        values, vectors = np.linalg.eigh(sums @ alike @ sums.T)
+        self.root = vectors * np.sqrt(np.maximum(values, 0.0))  # (n, n) rad
+        self.keep = float(np.exp(-period / s.bias_time))
+        self.gain = np.ones((size, 1))
+        self.bias = np.zeros((size, model.n))
+
+    def reset(self, which: Array, rng: np.random.Generator) -> None:
+        """Draw a new random gain error and a new random bias for each of M chains, whose indices are `which` (M,)."""
+        self.gain[which] = 1.0 + self.sensor.gain_error * rng.standard_normal((len(which), 1))
+        self.bias[which] = rng.standard_normal((len(which), self.model.n)) @ self.root.T
+
+    def see(self, angle: Array, rng: np.random.Generator) -> Array:
+        """Return the link angles (N, n) [rad] that the fibre measures on N chains with n links, and advance its slowly
+        drifting bias by one sample.
+        """
+        turn = np.diff(angle, axis=1, prepend=self.model.base_angle)
+        kick = np.sqrt(1.0 - self.keep**2) * rng.standard_normal(turn.shape) @ self.root.T
+        self.bias = self.keep * self.bias + kick
+        readings = self.gain * turn + self.bias + self.white * rng.standard_normal(turn.shape)
+        return np.asarray(self.model.base_angle + np.cumsum(readings, axis=1))
+
 
 try:
     import gymnasium
@@ -153,11 +206,11 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         length, commands by the highest pressure.
         """
         m, fibre = self.model, self._fibre
-        seen = fibre.see(angle, self.np_random) if fibre else angle
-        q = np.diff(seen, axis=1, prepend=m.base_angle) - m.rest_angle
-        turn = seen - self._before if fibre else self._chains.rate * self.task.period
-        self._before = seen
-        tip, rates = self.tips(seen, own=not fibre), np.diff(turn, axis=1, prepend=0.0)
+        angles = fibre.see(angle, self.np_random) if fibre else angle
+        q = np.diff(angles, axis=1, prepend=m.base_angle) - m.rest_angle
+        turn = angles - self._before if fibre else self._chains.rate * self.task.period
+        self._before = angles
+        tip, rates = self.tips(angles, own=not fibre), np.diff(turn, axis=1, prepend=0.0)
         rows = (q, rates, tip / m.length, self._target / m.length, self._command / self.highest)
         return np.concatenate(rows, axis=1).astype(np.float32)
 
@@ -224,15 +277,15 @@ class TipEnv(gymnasium.Env[Array, Array]):
         model drawn from it.
         """
         super().reset(seed=seed)
-        seen, info = self._one.reset(seed=seed, options=options)
-        return seen[0], alone(info)
+        observation, info = self._one.reset(seed=seed, options=options)
+        return observation[0], alone(info)
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Hold the pressures of the action (C,) in C chambers for one period. Return observation, reward, the flags
         `terminated` and `truncated`, and the info dict.
         """
-        seen, reward, lost, late, info = self._one.step(np.asarray(action)[None])
-        return seen[0], float(reward[0]), bool(lost[0]), bool(late[0]), alone(info)
+        observation, reward, lost, late, info = self._one.step(np.asarray(action)[None])
+        return observation[0], float(reward[0]), bool(lost[0]), bool(late[0]), alone(info)
 
 
 def alone(info: dict[str, Any]) -> dict[str, Any]:

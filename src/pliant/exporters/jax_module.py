@@ -59,9 +59,9 @@ def units(model: Model) -> dict[str, str]:
     """Return the unit of each parameter of the exported module; those that depend on the input name it."""
     known = UNIT | {d.name: d.quantity.unit for d in declared()} | {"tendon_stiffness": "N/m", "beyond": "1"}
     inputs = ", ".join(dict.fromkeys(model.actuation.units))
-    own = {name: f"{inputs.replace(', ', '/s, ')}/s" for name in ("rise_rate", "fall_rate")}
-    own |= {"torque": f"N m, or N of a tendon, over powers of {inputs}", "joint_gain": "1, or m of a strain"}
-    return {name: own.get(name, known.get(name, "1")) for name in exported_parameters(model)}
+    unit_of = {name: f"{inputs.replace(', ', '/s, ')}/s" for name in ("rise_rate", "fall_rate")}
+    unit_of |= {"torque": f"N m, or N of a tendon, over powers of {inputs}", "joint_gain": "1, or m of a strain"}
+    return {name: unit_of.get(name, known.get(name, "1")) for name in exported_parameters(model)}
 
 
 def structure(model: Model) -> dict[str, str]:
@@ -128,9 +128,9 @@ def parameter_slopes(model: Model, known: Uncertainty, steps: Array) -> dict[str
             except InputError:  # at a physical limit: the other side alone
                 ends.append((0.0, base))
         (first, low), (last, high) = ends
-        for name, own in rows.items():
-            own.append((high[name] - low[name]) / (h * max(last - first, 1.0)))
-    return {name: np.array(own) for name, own in rows.items() if np.any(own)}
+        for name, slopes in rows.items():
+            slopes.append((high[name] - low[name]) / (h * max(last - first, 1.0)))
+    return {name: np.array(slopes) for name, slopes in rows.items() if np.any(slopes)}
 
 
 def table(values: Array) -> str:
@@ -175,8 +175,8 @@ def with_values(text: str, values: Mapping[str, str]) -> str:
         target = node.targets[0] if isinstance(node, ast.Assign) else None
         if isinstance(target, ast.Name):
             _, mark, comment = str(rows[node.lineno - 1]).partition("  # ")
-            own = f"{target.id} = {values[target.id]}{mark}{comment}" if target.id in values else None
-            rows[node.lineno - 1] = own
+            assignment = f"{target.id} = {values[target.id]}{mark}{comment}" if target.id in values else None
+            rows[node.lineno - 1] = assignment
     return "\n".join(row for row in rows if row is not None)
 
 
@@ -188,13 +188,13 @@ def code(model: Model, provenance: Provenance) -> str:
         "memory_of": model.memory.labels,
     }
     head = ["# " + line for line in provenance.lines("line")]
-    held = [f"    {k!r}: {table(v)}," for k, v in exported_parameters(model).items()]
-    own = [f"    {k!r}: {v!r}," for k, v in units(model).items()]
+    value_lines = [f"    {k!r}: {table(v)}," for k, v in exported_parameters(model).items()]
+    unit_lines = [f"    {k!r}: {v!r}," for k, v in units(model).items()]
     drawn = posterior(model, provenance.uncertainty)
     parts = [
         "\n".join(head), MODULE_DOCSTRING, IMPORTS, with_values(stripped("structure"), structure(model)),
-        "\n".join(["parameters = {  # of the model, in SI units: a pytree", *held, "}"]),
-        "\n".join(["units = {", *own, "}"]), "\n".join(f"{k} = {v!r}" for k, v in names.items()),
+        "\n".join(["parameters = {  # of the model, in SI units: a pytree", *value_lines, "}"]),
+        "\n".join(["units = {", *unit_lines, "}"]), "\n".join(f"{k} = {v!r}" for k, v in names.items()),
         *(stripped(name) for name in sources(model)[1:]),
         *(["\n".join(f"{k} = {v}" for k, v in drawn.items()), stripped("posterior")] if drawn else []),
     ]

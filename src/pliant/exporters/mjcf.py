@@ -23,12 +23,10 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr
 
 from pliant.errors import InputError, SimulationError
-from pliant.exporters.control_range import range_note, stated_levels
 from pliant.exporters.difference import default_levels
 from pliant.exporters.mjcf_step import Hidden, checked_step, linear_chain
-from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
-from pliant.exporters.registry import Exporter
+from pliant.exporters.registry import Exporter, range_note, stated_levels, with_identifiers
 from pliant.exporters.rigid_chain import (
     RigidChain,
     RigidLink,
@@ -140,18 +138,18 @@ def link(parent: ET.Element, model: Model, bodies: RigidChain, i: int, names: tu
     Returns the new body element.
     """
     prefix, size = names
-    own = bodies.links[i]
-    place = {"pos": number(*bodies.start(i)), "quat": quaternion(own.turn)}
-    hidden_hinges(parent, model, own, place, prefix)
-    body = ET.SubElement(parent, "body", attrib={"name": f"{prefix}link_{i + 1}", **place})
-    for hinge in own.hinges:
+    rigid_link = bodies.links[i]
+    pose = {"pos": number(*bodies.start(i)), "quat": quaternion(rigid_link.turn)}
+    hidden_hinges(parent, model, rigid_link, pose, prefix)
+    body = ET.SubElement(parent, "body", attrib={"name": f"{prefix}link_{i + 1}", **pose})
+    for hinge in rigid_link.hinges:
         ET.SubElement(
             body, "joint", name=f"{prefix}{hinge.name}", type="hinge", axis=number(*hinge.axis),
             damping=number(hinge.damping), stiffness=number(*hinge.springs),
         )
     ET.SubElement(
-        body, "inertial", pos=number(*(own.centre * bodies.tangent)), mass=number(own.mass),
-        diaginertia=number(*moments(bodies, own, size)),
+        body, "inertial", pos=number(*(rigid_link.centre * bodies.tangent)), mass=number(rigid_link.mass),
+        diaginertia=number(*moments(bodies, rigid_link, size)),
     )
     return along(body, model, bodies, i, names)
 
@@ -164,9 +162,9 @@ def along(body: ET.Element, model: Model, bodies: RigidChain, i: int, names: tup
     either side of its middle, so that no gap opens.
     """
     prefix, size = names
-    own = bodies.links[i] if i >= 0 else None
-    slides, length = (own.slides, own.length) if own else (bodies.base_slides, bodies.base_length)
-    skin, reach = f"{prefix}skin_{i + 1 if own else 'base'}", length * bodies.tangent
+    rigid_link = bodies.links[i] if i >= 0 else None
+    slides, length = (rigid_link.slides, rigid_link.length) if rigid_link else (bodies.base_slides, bodies.base_length)
+    skin, reach = f"{prefix}skin_{i + 1 if rigid_link else 'base'}", length * bodies.tangent
     bodies_along = [body]
     capsule(body, skin, (0.5 if slides else 1.0) * reach, size)
     for slide in slides:
@@ -177,10 +175,10 @@ def along(body: ET.Element, model: Model, bodies: RigidChain, i: int, names: tup
     named = {b.attrib["name"]: b for b in bodies_along}
     for point in model.points:
         if point.link == i:
-            carrier, place, own_slide = carrier_of(model, bodies, point)
+            carrier, position, own_slide = carrier_of(model, bodies, point)
             holder = named[prefix + carrier]
             holder = sliding(holder, bodies, own_slide, prefix) if own_slide else holder
-            ET.SubElement(holder, "site", name=f"{prefix}{point.name}", pos=number(*place), size="0.002")
+            ET.SubElement(holder, "site", name=f"{prefix}{point.name}", pos=number(*position), size="0.002")
     return bodies_along[-1]
 
 
@@ -188,8 +186,8 @@ def sliding(parent: ET.Element, bodies: RigidChain, slide: Slide, prefix: str) -
     """Add a point mass that slides along a link to the MJCF, with a slide joint of the same name,
     and return its body.
     """
-    place = number(*(slide.step * bodies.tangent))
-    body = ET.SubElement(parent, "body", name=f"{prefix}{slide.name}", pos=place)
+    position = number(*(slide.step * bodies.tangent))
+    body = ET.SubElement(parent, "body", name=f"{prefix}{slide.name}", pos=position)
     ET.SubElement(body, "joint", name=f"{prefix}{slide.name}", type="slide", axis=number(*bodies.tangent))
     ET.SubElement(body, "inertial", pos="0 0 0", mass=number(slide.mass), diaginertia=number(TINY, TINY, TINY))
     return body
@@ -215,8 +213,8 @@ def branches(model: Model) -> list[Branch]:
     m = model.memory
     creep = zip(m.creep_share, m.creep_time, strict=True)
     slip = zip(m.slip_share, m.slip_angle, strict=True)
-    made = [Branch(f"creep_{j + 1}", share, time, 0.0) for j, (share, time) in enumerate(creep)]
-    return made + [Branch(f"slip_{j + 1}", share, 0.0, angle) for j, (share, angle) in enumerate(slip)]
+    elements = [Branch(f"creep_{j + 1}", share, time, 0.0) for j, (share, time) in enumerate(creep)]
+    return elements + [Branch(f"slip_{j + 1}", share, 0.0, angle) for j, (share, angle) in enumerate(slip)]
 
 
 def capsule(body: ET.Element, name: str, reach: Array, size: float, start: Array | None = None) -> None:

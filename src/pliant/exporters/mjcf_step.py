@@ -52,9 +52,9 @@ def linear_chain(model: Model, hidden: list[Hidden]) -> HingeChain:
     for tendon, lever in zip(model.chambers, model.actuation.gain, strict=True):
         K[:n, :n] += tendon.line_stiffness * np.outer(lever, lever)
     for b, (share, time, inertia) in enumerate(moving):
-        own, spring = joints + (b + 1) * n, share * stiffness * remembering
-        M[own, own], D[own, own], K[own, own] = np.where(remembering, inertia, 1.0), spring * time, spring
-        K[own, joints] = K[joints, own] = -spring
+        rows, spring = joints + (b + 1) * n, share * stiffness * remembering
+        M[rows, rows], D[rows, rows], K[rows, rows] = np.where(remembering, inertia, 1.0), spring * time, spring
+        K[rows, joints] = K[joints, rows] = -spring
     late = np.zeros((N, N))
     late[joints, joints] = np.where(joints < n - len(model.extensions), 0.0, mechanics.joints.D)
     return HingeChain(M, D, K, late)
@@ -74,8 +74,8 @@ def bounded_by(chain: HingeChain, integrator: str) -> Callable[[float], bool]:
         end = D - 2.0 * late if integrator == "Euler" else D
         return lambda h: is_definite(4.0 * M + 2.0 * h * end - h**2 * K)
     inverse = np.linalg.inv(M)
-    zero, one = np.zeros_like(M), np.eye(len(M))
-    roots = np.linalg.eigvals(np.block([[zero, one], [-inverse @ K, -inverse @ D]]))
+    zero, identity = np.zeros_like(M), np.eye(len(M))
+    roots = np.linalg.eigvals(np.block([[zero, identity], [-inverse @ K, -inverse @ D]]))
 
     def stays(h: float) -> bool:
         z = h * roots

@@ -52,13 +52,13 @@ def draw_models(
     rng = np.random.default_rng(rng)
     known = None if isinstance(fit, Mapping) else uncertainty_of(model, fit)
     errors = checked_errors(model, fit) if isinstance(fit, Mapping) else {}
-    found: list[Model] = []
+    models: list[Model] = []
     failed = 0
-    while len(found) < count:
+    while len(models) < count:
         try:
             body = scaled(model, errors, rng) if known is None else moved(model, known, rng)
             state.modes(body)
-            found.append(body)
+            models.append(body)
             failed = 0
         except (InputError, SimulationError) as error:
             failed += 1
@@ -66,7 +66,7 @@ def draw_models(
                 raise InputError(f"{TRIES} consecutive draws gave no valid model (the last: {error}), because the "
                                  "parameters are too uncertain: reduce their standard errors, by a fit to more "
                                  "recordings or with fewer free parameters") from None  # fmt: skip
-    return found
+    return models
 
 
 def scaled(model: Model, errors: Mapping[str, float], rng: np.random.Generator) -> Model:
@@ -139,7 +139,7 @@ def checked_errors(model: Model, errors: Mapping[str, float]) -> dict[str, float
     """Return the standard errors of the model's fields as {field: fraction}, each relative to the mean absolute value
     of the field.
     """
-    found = {}
+    deviations = {}
     for name, error in errors.items():
         if name not in FIELDS:
             raise InputError(f"{name!r} is not a field that can be randomised: use {', '.join(FIELDS)}, or give a fit")
@@ -148,5 +148,5 @@ def checked_errors(model: Model, errors: Mapping[str, float]) -> dict[str, float
             raise InputError(f"the standard error of {name} must be finite and >= 0, got {error}")
         if not size > 0:
             raise InputError(f"{name} of the model is 0 and cannot be randomised by a factor: leave {name} out")
-        found[name] = error / size
-    return found
+        deviations[name] = error / size
+    return deviations

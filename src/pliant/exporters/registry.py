@@ -6,22 +6,24 @@ Another package adds a target by an entry point of the group ``pliant.exporters`
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pliant.display import Card, Shown
 from pliant.errors import InputError
-from pliant.exporters.control_range import stated_levels
 from pliant.exporters.difference import Difference, difference
 from pliant.exporters.features import without
-from pliant.exporters.names import changed_names, with_identifiers
 from pliant.exporters.provenance import Provenance, Uncertainty, command_of
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.features import missing, named
 from pliant.model.file import model_of
 from pliant.plugins import offered
-from pliant.text import listed
+from pliant.text import escaped, identifiers, listed
+from pliant.units import in_words
 
 GROUP = "pliant.exporters"
 
@@ -33,6 +35,71 @@ BUILT_IN = {
     "urdf": "pliant.exporters.urdf:EXPORTER",
     "jax": "pliant.exporters.jax_module:EXPORTER",
 }
+
+
+KINDS = {"station": "stations", "chamber": "chambers", "segment": "extensions"}
+
+
+Array = np.ndarray
+
+
+def stated_levels(target: str, option: str, text: str, model: Model) -> Array:
+    """Return the levels (C,) [SI] of C inputs that the text of an option states. One number holds for all inputs if
+    these have the same unit, or if it is 0.
+    """
+    levels, actuation = levels_in(target, option, text), model.actuation
+    if levels.size == actuation.count or (levels.size == 1 and (not levels[0] or len(set(actuation.units)) == 1)):
+        return np.broadcast_to(levels, actuation.count)
+    named = ", ".join(f"{name} [{unit}]" for name, unit in zip(actuation.names, actuation.units, strict=True))
+    raise InputError(f"{target} option {option} gives {levels.size} number(s) for the inputs {named}: give one for "
+                     "each, separated by commas")  # fmt: skip
+
+
+def range_note(model: Model, highest: Array) -> str:
+    """Return the note of an export that states the default range of its controls, up to `highest` (C,) [SI]."""
+    names, units = model.actuation.names, model.actuation.units
+    words = [in_words(*limit) for limit in zip(highest, units, strict=True)]
+    several = len(set(units)) > 1
+    upper = ", ".join(f"{word} ({name})" for word, name in zip(words, names, strict=True)) if several else words[0]
+    listed = ", ".join(units) if several else units[0]
+    return f"controls range from 0 to {upper}: set highest ({listed}) for another range"
+
+
+def levels_in(target: str, option: str, text: str) -> Array:
+    """Return the levels (C,) [SI] that the text of an option states: one number, or numbers separated by commas."""
+    try:
+        return np.array([float(part) for part in text.strip("[]() ").split(",")])
+    except ValueError:
+        raise InputError(f"{target} option {option} must be a number in Pa for each chamber (N, m or rad for each "
+                         f"tendon), separated by commas, got {text!r:.60}") from None  # fmt: skip
+
+
+def with_identifiers(model: Model) -> Model:
+    """Return the model with its own name, and those of its stations, chambers and segments, as valid identifiers.
+
+    Names of one kind remain different from each other. Joints keep their names, ``q_1`` ... ``q_n`` in a plane, and no
+    station receives one of them. A model whose names are valid is returned unchanged.
+    """
+    joints = mechanics_of(model).joint_names[: model.size - len(model.extensions)]
+    changes: dict[str, Any] = {"name": escaped(model.name, "identifier")}
+    for kind, attribute in KINDS.items():
+        parts = getattr(model, attribute)
+        names = identifiers([part.name for part in parts], joints if kind == "station" else ())
+        changes[attribute] = tuple(
+            part if part.name == name else part._replace(name=name) if kind == "station" else replace(part, name=name)
+            for part, name in zip(parts, names, strict=True)
+        )
+    same = all(getattr(model, attribute) == value for attribute, value in changes.items())
+    return model if same else model.with_(**changes)
+
+
+def changed_names(model: Model) -> tuple[str, ...]:
+    """Return a note for each name that an export changes, such as "station 'a b' is named a_b"."""
+    written = with_identifiers(model)
+    return tuple(
+        f"{kind} {escaped(repr(old.name), 'line')} is named {new.name}" for kind, attribute in KINDS.items()
+        for old, new in zip(getattr(model, attribute), getattr(written, attribute), strict=True) if old.name != new.name
+    )
 
 
 @dataclass(frozen=True)

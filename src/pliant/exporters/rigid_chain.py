@@ -108,10 +108,9 @@ class RigidChain(NamedTuple):
 
 def rigid_chain(model: Model) -> RigidChain:
     """Return the rigid bodies, hinges and slides that represent a model."""
-    turns = rest_turns(model)
+    turns, tangent = mechanics_of(model).rest_turns, mechanics_of(model).base_tangent
     masses, centre, across, along = inertias(model)
     hinges = hinges_of(model)
-    tangent = np.array([0.0, 0.0, 1.0] if model.space else [0.0, 1.0, 0.0])
     starts = [model.base_length, *model.link_length[:-1]]
     links = tuple(
         RigidLink(
@@ -135,11 +134,11 @@ def lengthening(model: Model, chain: RigidChain) -> RigidChain:
         parts = [("middle", 0.5, rod * 2.0 / 3.0), ("end", 0.5, rod / 6.0 + cap)]
         if model.mass_at == "tip":
             parts = [("end", 1.0, rod + cap)]
-        slides, place = [], 0.0
+        slides, distance = [], 0.0
         for name, part, mass in parts if share[i + 1].any() else ():
-            place += part * link.length
+            distance += part * link.length
             step = part * link.length
-            slides.append(Slide(f"link_{i + 1}_{name}", place, step, step * share[i + 1], max(mass, LIGHT)))
+            slides.append(Slide(f"link_{i + 1}_{name}", distance, step, step * share[i + 1], max(mass, LIGHT)))
         moved = link
         if slides:
             at_joint = rod / 6.0 if model.mass_at == "rod" else FIRST * rod if i == 0 else LIGHT
@@ -159,23 +158,16 @@ def carrier_of(model: Model, chain: RigidChain, point: Station) -> tuple[str, Ar
     A point at the joint of a link that lengthens, in its middle or at its end moves with a body that is there; any
     other gets a slide of its own, which the body at the joint carries.
     """
-    body, place = f"link_{point.link + 1}" if point.link >= 0 else "base", point_of(model, point)
+    body, position = f"link_{point.link + 1}" if point.link >= 0 else "base", point_of(model, point)
     slides = chain.base_slides if point.link < 0 else chain.links[point.link].slides
-    aside = place - point.along * chain.tangent
+    aside = position - point.along * chain.tangent
     if not slides or abs(point.along) <= ON * slides[-1].place:
-        return body, place, None
+        return body, position, None
     for slide in slides:
         if abs(point.along - slide.place) <= ON * slide.place:
             return slide.name, aside, None
     growth = point.along * model.stretch_share[point.link + 1]
     return body, aside, Slide(f"point_{point.name}", point.along, point.along, growth, LIGHT)
-
-
-def rest_turns(model: Model) -> Array:
-    """Return the rotation vectors (n + 1, 3) [rad] of the base part and of each of n joints in the rest shape."""
-    if model.space:
-        return np.concatenate([[model.space.base_tilt], model.space.rest_of(model.n)])
-    return np.outer([model.base_angle, *model.rest_angle], [0.0, 0.0, 1.0])
 
 
 def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:
@@ -241,13 +233,13 @@ def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
     """
     from scipy.spatial.transform import Rotation
 
-    turn, place = Rotation.from_rotvec(chain.base_turn), np.zeros(3)
+    turn, position = Rotation.from_rotvec(chain.base_turn), np.zeros(3)
     for link in chain.links:
-        place = place + turn.apply(link.place)
+        position = position + turn.apply(link.place)
         turn = turn * Rotation.from_rotvec(link.turn)
         for hinge in link.hinges:
             turn = turn * Rotation.from_rotvec(x[hinge.row] * hinge.axis)
-    return np.asarray(place + turn.apply(link.length * chain.tangent))
+    return np.asarray(position + turn.apply(link.length * chain.tangent))
 
 
 def hinge_difference(model: Model) -> float:
@@ -300,11 +292,11 @@ def by_hinges(chain: RigidChain, x: Array) -> float:
     """Return the potential energy [J] of the weight of a chain of hinges at the joint coordinates x (N,)."""
     from scipy.spatial.transform import Rotation
 
-    turn, place, energy = Rotation.from_rotvec(chain.base_turn), np.zeros(3), 0.0
+    turn, position, energy = Rotation.from_rotvec(chain.base_turn), np.zeros(3), 0.0
     for link in chain.links:
-        place = place + turn.apply(link.place)
+        position = position + turn.apply(link.place)
         turn = turn * Rotation.from_rotvec(link.turn)
         for hinge in link.hinges:
             turn = turn * Rotation.from_rotvec(x[hinge.row] * hinge.axis)
-        energy -= link.mass * float(chain.gravity @ (place + turn.apply(link.centre * chain.tangent)))
+        energy -= link.mass * float(chain.gravity @ (position + turn.apply(link.centre * chain.tangent)))
     return energy

@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.exporters.control_range import levels_in
-from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
-from pliant.exporters.registry import Exporter
+from pliant.exporters.registry import Exporter, levels_in, with_identifiers
 from pliant.files import whole
 from pliant.linear import linearise
 from pliant.linear.linearisation import LinearModel
@@ -63,9 +61,9 @@ def linear_model(model: Model, pressure: float | Array = 0.0) -> LinearModel:
     answer = np.linalg.solve(M, relative.T)  # accelerations per torque at each joint
     names = []
     for j, (share, time) in enumerate(branches):
-        own = slice(N + j * n, N + (j + 1) * n)
-        A[size : 2 * size, own] = answer * (model.stiffness * share)  # a branch pulls the joint to its relaxed angle
-        A[own, :size], A[own, own] = relative / time, -np.eye(n) / time
+        rows = slice(N + j * n, N + (j + 1) * n)
+        A[size : 2 * size, rows] = answer * (model.stiffness * share)  # a branch pulls the joint to its relaxed angle
+        A[rows, :size], A[rows, rows] = relative / time, -np.eye(n) / time
         names += [f"creep_{j + 1}_{i + 1}" for i in range(n)]
     more = A.shape[0] - N
     B = np.concatenate([linear.B, np.zeros((more, linear.B.shape[1]))])
@@ -143,8 +141,8 @@ def of_input(model: Model, name: str, level: Array) -> tuple[float, str]:
     rate of the pressure, or a past command.
     """
     words = (model.actuation.labels(what) for what in ("{kind}", "{kind}_settling", "{kind}_rate", "command"))
-    for p, unit, held, settling, rate, sent in zip(level, model.actuation.units, *words, strict=True):
-        if name in (held, settling) or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name):
+    for p, unit, level_words, settling, rate, sent in zip(level, model.actuation.units, *words, strict=True):
+        if name in (level_words, settling) or re.fullmatch(rf"{re.escape(sent)}_\d+_periods_ago", name):
             return float(p), unit
         if name == rate:
             return 0.0, f"{unit}/s"

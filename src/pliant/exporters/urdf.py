@@ -17,9 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.exporters.mjcf import number
-from pliant.exporters.names import with_identifiers
 from pliant.exporters.provenance import Provenance
-from pliant.exporters.registry import Exporter
+from pliant.exporters.registry import Exporter, with_identifiers
 from pliant.exporters.rigid_chain import (
     TINY,
     RigidChain,
@@ -54,12 +53,12 @@ def urdf(model: Model, provenance: Provenance, *, prefix: str = "", radius: floa
     shape(base, upright, (0.5 if bodies.base_slides else 1.0) * bodies.base_length, size)
     strains(root, model, prefix)
     along(root, model, bodies, -1, (prefix, size))
-    for i, own in enumerate(bodies.links):
+    for i, rigid_link in enumerate(bodies.links):
         joints(root, bodies, i, prefix)
         link = ET.SubElement(root, "link", name=f"{prefix}link_{i + 1}")
-        about = dict(zip(("ixx", "iyy", "izz"), map(number, moments(bodies, own, size)), strict=True))
-        inertia(link, own.centre * bodies.tangent, own.mass, about)
-        shape(link, turned(np.zeros(3), bodies), (0.5 if own.slides else 1.0) * own.length, size)
+        about = dict(zip(("ixx", "iyy", "izz"), map(number, moments(bodies, rigid_link, size)), strict=True))
+        inertia(link, rigid_link.centre * bodies.tangent, rigid_link.mass, about)
+        shape(link, turned(np.zeros(3), bodies), (0.5 if rigid_link.slides else 1.0) * rigid_link.length, size)
         along(root, model, bodies, i, (prefix, size))
     links = [link.attrib["name"].removeprefix(prefix) for link in root.findall("link")]
     links += [slide.name for p in model.points if (slide := carrier_of(model, bodies, p)[2])]
@@ -98,9 +97,9 @@ def strains(root: ET.Element, model: Model, prefix: str) -> None:
 def along(root: ET.Element, model: Model, bodies: RigidChain, i: int, names: tuple[str, float]) -> None:
     """Add the slides of link `i` (-1: the base), which move when the link lengthens, to the URDF."""
     prefix, size = names
-    own = bodies.links[i] if i >= 0 else None
-    slides, length = (own.slides, own.length) if own else (bodies.base_slides, bodies.base_length)
-    parent = f"link_{i + 1}" if own else "base"
+    rigid_link = bodies.links[i] if i >= 0 else None
+    slides, length = (rigid_link.slides, rigid_link.length) if rigid_link else (bodies.base_slides, bodies.base_length)
+    parent = f"link_{i + 1}" if rigid_link else "base"
     for slide in slides:
         link = sliding(root, model, bodies, slide, (prefix, parent))
         inertia(link, np.zeros(3), slide.mass, dict.fromkeys(("ixx", "iyy", "izz"), number(TINY)))
@@ -114,13 +113,13 @@ def sliding(root: ET.Element, model: Model, bodies: RigidChain, slide: Slide, na
     link.
     """
     prefix, parent = names
-    turn, place = frame_of(bodies, parent, slide.step * bodies.tangent)
+    turn, position = frame_of(bodies, parent, slide.step * bodies.tangent)
     movers = np.flatnonzero(slide.growth)
     for k, s in enumerate(movers):
         last = k + 1 == len(movers)
         name = slide.name if last else f"{slide.name}_{model.extensions[s].name}"
         joint = ET.SubElement(root, "joint", name=f"{prefix}{name}", type="prismatic")
-        ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(*angles(turn)))
+        ET.SubElement(joint, "origin", xyz=number(*position), rpy=number(*angles(turn)))
         ET.SubElement(joint, "parent", link=f"{prefix}{parent}")
         ET.SubElement(joint, "child", link=f"{prefix}{name}")
         ET.SubElement(joint, "axis", xyz=number(*bodies.tangent))
@@ -129,7 +128,7 @@ def sliding(root: ET.Element, model: Model, bodies: RigidChain, slide: Slide, na
         low, high = (growth * bound for bound in STRAINS)
         ET.SubElement(joint, "limit", lower=number(low), upper=number(high), effort="0", velocity="1000")
         link = ET.SubElement(root, "link", name=f"{prefix}{name}")
-        parent, turn, place = name, Rotation.identity(), np.zeros(3)
+        parent, turn, position = name, Rotation.identity(), np.zeros(3)
     return link
 
 
@@ -143,15 +142,15 @@ def frame_of(bodies: RigidChain, parent: str, place: Array) -> tuple[Rotation, A
 
 def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
     """Add the hinges before link `i` to the URDF, with a massless link between each two of them."""
-    own, slides = bodies.links[i], bodies.links[i - 1].slides if i else bodies.base_slides
+    rigid_link, slides = bodies.links[i], bodies.links[i - 1].slides if i else bodies.base_slides
     before = slides[-1].name if slides else f"link_{i}" if i else "base"
-    turn, place = frame_of(bodies, before, bodies.start(i))
-    turn, parent = turn * Rotation.from_rotvec(own.turn), prefix + before
-    for k, hinge in enumerate(own.hinges):
-        last = k + 1 == len(own.hinges)
+    turn, position = frame_of(bodies, before, bodies.start(i))
+    turn, parent = turn * Rotation.from_rotvec(rigid_link.turn), prefix + before
+    for k, hinge in enumerate(rigid_link.hinges):
+        last = k + 1 == len(rigid_link.hinges)
         child = f"{prefix}link_{i + 1}" if last else f"{prefix}{hinge.name}_turned"
         joint = ET.SubElement(root, "joint", name=f"{prefix}{hinge.name}", type="revolute")
-        ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(*angles(turn)))
+        ET.SubElement(joint, "origin", xyz=number(*position), rpy=number(*angles(turn)))
         ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=child)
         ET.SubElement(joint, "axis", xyz=number(*hinge.axis))
@@ -159,7 +158,7 @@ def joints(root: ET.Element, bodies: RigidChain, i: int, prefix: str) -> None:
         ET.SubElement(joint, "limit", lower=number(-TURN), upper=number(TURN), effort="0", velocity="1000")
         if not last:
             ET.SubElement(root, "link", name=child)
-        parent, turn, place = child, Rotation.identity(), np.zeros(3)
+        parent, turn, position = child, Rotation.identity(), np.zeros(3)
 
 
 def angles(turn: Rotation) -> Array:
@@ -197,14 +196,14 @@ def shape(link: ET.Element, along: Rotation, length: float, size: float, start: 
 def observed(root: ET.Element, model: Model, point: Station, prefix: str, name: str) -> None:
     """Add an observed point to the URDF as a massless link, fixed to the link that carries it."""
     bodies = rigid_chain(model)
-    carrier, place, slide = carrier_of(model, bodies, point)
+    carrier, position, slide = carrier_of(model, bodies, point)
     if slide:
         sliding(root, model, bodies, slide, (prefix, carrier))
         carrier = slide.name
-    turn, place = frame_of(bodies, carrier, place)
+    turn, position = frame_of(bodies, carrier, position)
     ET.SubElement(root, "link", name=f"{prefix}{name}")
     joint = ET.SubElement(root, "joint", name=f"{prefix}{name}_fixed", type="fixed")
-    ET.SubElement(joint, "origin", xyz=number(*place), rpy=number(*angles(turn)))
+    ET.SubElement(joint, "origin", xyz=number(*position), rpy=number(*angles(turn)))
     ET.SubElement(joint, "parent", link=f"{prefix}{carrier}")
     ET.SubElement(joint, "child", link=f"{prefix}{name}")
 

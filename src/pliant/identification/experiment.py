@@ -9,8 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from pliant.display import Card, Shown
-from pliant.drawing import body_svg
+from pliant.display import Card, Shown, body_svg
 from pliant.errors import InputError
 from pliant.identification.experiment_checks import check_excitation, check_experiment
 from pliant.identification.parameters import Parameter, for_record

@@ -25,7 +25,7 @@ from pliant.simulation.drive import Drive, driven, laid_out
 from pliant.simulation.drive import drive as drive_of
 from pliant.simulation.forces import loads_at
 from pliant.simulation.initial_value import loads_and_base
-from pliant.simulation.memory import laws_of
+from pliant.simulation.state import laws_of
 
 if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment

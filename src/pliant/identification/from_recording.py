@@ -15,7 +15,7 @@ from pliant.identification.edges import held_pose
 from pliant.identification.experiment import Excitation, Experiment, FurtherRows
 from pliant.identification.starts import Moving, begins_in_motion
 from pliant.preprocessing.side import x_sign
-from pliant.recording.base_pose import CUTOFF, base_moves
+from pliant.recording.inputs import CUTOFF, base_moves
 from pliant.recording.schema import check_recording, recorded_further
 from pliant.simulation import BaseMotion, Trace
 from pliant.simulation.forces import PointForce

@@ -141,9 +141,9 @@ def margins(curve: LoopCurve) -> Margins:
     L, omega = curve.value, curve.omega
     phase = np.unwrap(np.angle(L))
     turned = np.mod(phase, 2 * np.pi) - np.pi
-    at = np.flatnonzero((turned[1:] * turned[:-1] <= 0) & (np.abs(np.diff(turned)) < np.pi))
-    at = np.append(at, [L.size - 1] * bool(L[-1].real < 0))  # the curve ends on the real axis, but for rounding
-    factors = [1.0 / abs(L[k]) for k in at if abs(L[k]) > 0]
+    crossings = np.flatnonzero((turned[1:] * turned[:-1] <= 0) & (np.abs(np.diff(turned)) < np.pi))
+    crossings = np.append(crossings, [L.size - 1] * bool(L[-1].real < 0))  # ends on the real axis, but for rounding
+    factors = [1.0 / abs(L[k]) for k in crossings if abs(L[k]) > 0]
     above = [f for f in factors if f > 1.0]
     gain = 20 * np.log10(min(above)) if above else np.inf
     size = np.log(np.abs(L))

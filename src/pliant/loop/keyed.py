@@ -1,7 +1,7 @@
 """Packets authenticated by HMAC-SHA256 and a shared key. A recorded packet that is sent again is not accepted.
 
 A packet consists of the mark "PLN3", the session (16 random bytes of the sender), a counter (uint64), a packet of
-`pliant.loop.packet` and the tag (32 bytes). The tag is computed with the session's key, which is derived from the
+`pliant.loop.sample` and the tag (32 bytes). The tag is computed with the session's key, which is derived from the
 shared key, the session and a challenge that the receiver draws at random. The receiver replies to a packet of an
 unknown session with the challenge: the mark "PLNC", the session, the counter of that packet, the challenge (16 bytes)
 and a tag. Recorded packets of a session are therefore refused after the session has ended, also by a receiver that was
@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from pliant.errors import InputError
 from pliant.files import regular_file, write_new
-from pliant.loop.packet import LARGEST
+from pliant.loop.sample import LARGEST
 
 MAGIC, CHALLENGE = b"PLN3", b"PLNC"
 HEAD = struct.Struct("<4s16sQ")

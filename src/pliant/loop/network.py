@@ -11,8 +11,7 @@ from typing import Any
 
 from pliant.errors import InputError, clipped
 from pliant.loop.keyed import Sealer, Sessions
-from pliant.loop.packet import LARGEST, pack, unpack
-from pliant.loop.sample import Sample, Sender
+from pliant.loop.sample import LARGEST, Sample, Sender, pack, unpack
 from pliant.plugins import optional
 
 Address = tuple[str, int]

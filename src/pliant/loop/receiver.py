@@ -12,10 +12,10 @@ import numpy as np
 from pliant.control.task import LIMITS_IN, read_task
 from pliant.errors import InputError
 from pliant.loop.clock import Clock, SystemClock
-from pliant.loop.endings import ended_by_signals
 from pliant.loop.keyed import read_key
 from pliant.loop.network import UdpSource
 from pliant.loop.sample import COMMAND, Sample, Sender, Source, nanoseconds
+from pliant.loop.watchdog import ended_by_signals
 from pliant.shapes import Float
 from pliant.units import PASCAL
 
@@ -232,14 +232,14 @@ def receiver_of(
         raise InputError(f"task {path}: a receiver limits pressures, but the task gives {LIMITS_IN[task.unit]}: give "
                          "highest_kpa instead")
     listed = entry.highest_kpa or task.highest_kpa
-    given = np.ravel(listed)
-    chambers = entry.chambers or given.size
-    if given.size not in (1, chambers):
+    pressures = np.ravel(listed)
+    chambers = entry.chambers or pressures.size
+    if pressures.size not in (1, chambers):
         raise InputError(
-            f"task {path}: [receiver] has {chambers} chambers, but highest_kpa lists {given.size} pressures: "
+            f"task {path}: [receiver] has {chambers} chambers, but highest_kpa lists {pressures.size} pressures: "
             "give one for all chambers, or one for each"
         )
-    highest = 1e3 * np.broadcast_to(given, (chambers,))
+    highest = 1e3 * np.broadcast_to(pressures, (chambers,))
     key = None if entry.key_file is None else read_key(Path(path).parent / entry.key_file)
     hold, longest = 1e-3 * entry.hold_ms, 1e-3 * entry.longest_hold_ms
     window = None if entry.window_ms is None else 1e-3 * entry.window_ms

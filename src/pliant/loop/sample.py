@@ -1,8 +1,16 @@
-"""Samples of the control loop (time, name, array, unit), and the interfaces of their sources and sinks."""
+"""Samples of the control loop (time, name, array, unit), and the interfaces of their sources and sinks.
+
+Convert samples to packets of bytes and back (little endian).
+
+A packet holds the mark "PLN2", the time [ns], the hold time [us], the lengths of name and unit, the number of
+dimensions, name, unit, the dimensions and the float64 values. `hold` is a dead-man's time: a receiver must vent when no
+newer command arrives within it. Packets with the older mark "PLN1", which have no hold time, can be read.
+"""
 
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
@@ -94,3 +102,49 @@ def connection(kind: str, name: str) -> Callable[..., Any]:
             f"the {kind} {name!r} of an installed package is not callable: its entry point must construct a {kind}"
         )
     return constructor
+
+
+HEAD = struct.Struct("<4sqIBBB")
+OLD_HEAD = struct.Struct("<4sqBBB")
+MAGIC, OLD_MAGIC = b"PLN2", b"PLN1"
+LARGEST = 65_507  # bytes, of a UDP datagram
+MOST_DIMENSIONS = 8
+LONGEST_HOLD = 2**32 - 1  # us
+
+
+def pack(sample: Sample) -> bytes:
+    """Return a sample as a packet of bytes; raise InputError when it does not fit in one datagram."""
+    name, unit = sample.name.encode(), sample.unit.encode()
+    array = np.ascontiguousarray(sample.array, dtype="<f8")
+    if max(len(name), len(unit)) > 255:
+        raise InputError("a sample's name and unit may have at most 255 bytes each: shorten them")
+    if array.ndim > MOST_DIMENSIONS:
+        raise InputError(f"a sample may have at most {MOST_DIMENSIONS} dimensions, got {array.ndim}")
+    if not 0 <= sample.hold * 1e6 <= LONGEST_HOLD:
+        raise InputError(f"the hold time of a sample must be 0 to {LONGEST_HOLD * 1e-6:g} s, got {sample.hold}")
+    hold = math.ceil(sample.hold * 1e6 - 1e-3)  # never 0 where a time was given
+    data = HEAD.pack(MAGIC, sample.time_ns, hold, len(name), len(unit), array.ndim) + name + unit
+    data += struct.pack(f"<{array.ndim}I", *array.shape) + array.tobytes()
+    if len(data) > LARGEST:
+        raise InputError(f"a sample of {array.size} numbers exceeds a datagram of {LARGEST} bytes: send fewer points")
+    return data
+
+
+def unpack(data: bytes, sender: Sender | None = None) -> Sample:
+    """Return the sample in a packet of bytes; raise InputError when the bytes are not a sample."""
+    try:
+        head = OLD_HEAD if data[:4] == OLD_MAGIC else HEAD
+        magic, time_ns, *hold, a, b, ndim = head.unpack_from(data)
+        offset = head.size
+        name, unit = data[offset : offset + a].decode(), data[offset + a : offset + a + b].decode()
+        offset += a + b
+        shape = struct.unpack_from(f"<{ndim}I", data, offset)
+        offset += 4 * ndim
+    except (struct.error, UnicodeDecodeError) as error:
+        raise InputError(f"a packet of {len(data)} bytes is not a sample: {error}; make packets by "
+                         "pliant.loop.sample.pack") from None
+    if magic not in (MAGIC, OLD_MAGIC) or ndim > MOST_DIMENSIONS or len(data) - offset != 8 * math.prod(shape):
+        raise InputError(f"a packet of {len(data)} bytes is not a sample: its first bytes, dimensions or length are "
+                         "wrong; make packets by pliant.loop.sample.pack")
+    values = np.frombuffer(data, "<f8", offset=offset).reshape(shape).astype(float)
+    return Sample(time_ns, name, values, unit, 1e-6 * sum(hold), sender)

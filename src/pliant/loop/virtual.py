@@ -45,12 +45,12 @@ class Playback:
         self._clock, self._next = clock, 0
         time = np.asarray(recording["time"].values, dtype=float)
         rows = [(t, SHAPE, x) for t, x in zip(time, recording["position"].values, strict=True)]
-        held = [name for name in ("pressure", "actuation") if name in recording]
-        units = list(dict.fromkeys(one.unit for one in recorded_inputs(recording)))
+        variables = [name for name in ("pressure", "actuation") if name in recording]
+        units = list(dict.fromkeys(entry.unit for entry in recorded_inputs(recording)))
         if len(units) > 1:
             raise InputError(f"a playback sends inputs of one unit, and this recording has {', '.join(units)}: drop "
-                             f"{' or '.join(held)}")  # fmt: skip
-        for name in held:
+                             f"{' or '.join(variables)}")  # fmt: skip
+        for name in variables:
             clock_p = np.asarray(recording[f"{'pressure' if name == 'pressure' else 'input'}_time"].values, dtype=float)
             rows += [(t, PRESSURE, p) for t, p in zip(clock_p, recording[name].values, strict=True)]
         rows.sort(key=lambda row: row[0])

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property, partial
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from pliant.compiler.trace import CURVED, REMEMBERS
-from pliant.equations.symbols import Sight, StepSlopes
+from pliant.equations.symbols import Past, Sight, StepSlopes
 from pliant.mechanics.complex_slopes import complex_slopes
 from pliant.mechanics.reaction import BaseTwist
 from pliant.mechanics.records import CoordinateKind, Energy
@@ -32,11 +32,20 @@ class Mechanics(ABC):
     model : Model
     dimension : int
         Dimension of the space in which the body moves, 2 or 3.
+    base_tangent : array (3,)
+        Direction of the base frame's tangent, +y in the plane and +z in space.
+    outputs : dict of str to int
+        Names of the three outputs of the tip that controllers use, with their kinds of rows of `observation.KINDS`.
+    row_width : int
+        Number of columns that define a measured quantity.
     n, size : int
         Number of links; number of coordinates, N.
     """
 
     dimension: int
+    base_tangent: Array
+    outputs: ClassVar[dict[str, int]]
+    row_width: int
 
     def __init__(self, model: Model, body: Any = None, joints: Any = None) -> None:
         self.model, self.n, self.size = model, model.n, model.size
@@ -194,17 +203,6 @@ class Mechanics(ABC):
         curved = any(e.curved for e in self.model.extensions)
         return CURVED * curved + REMEMBERS * self.model.memory.has_axial
 
-    def strain_kind(self, first: int) -> tuple[CoordinateKind, ...]:
-        """Return a tuple with the group of the strain coordinates, which begin at row `first`; () if no segment
-        lengthens.
-        """
-        kind = CoordinateKind(
-            "segment", "strain", [e.name for e in self.model.extensions], slice(first, self.size),
-            ("axial_strain", "axial_strain_rate", "axial_disturbance", "external_axial_force"), ("1", "1/s", "N"),
-            self.model.segment_length,
-        )
-        return (kind,) if self.lengthens else ()
-
     @abstractmethod
     def coordinates(self, q: Float[Array, "... N"]) -> Float[Array, "... N"]:
         """Return the coordinates x (..., N) of the compiled kernels for joint coordinates q (..., N): joint angles
@@ -259,13 +257,20 @@ class Mechanics(ABC):
     @property
     @abstractmethod
     def remembering(self) -> int:
-        """Number of coordinates with hysteresis states: all joint angles, and the strains if segments have hysteresis.
-        They are the first coordinates.
-        """
+        """Number of the first coordinates that have hysteresis states: joint angles, strains if segments have them."""
 
     @abstractmethod
     def held(self) -> Any:
         """Return new scratch arrays for time steps of a chain whose joints have hysteresis states."""
+
+    def past(self, states: Array) -> tuple[Past, ...]:
+        """Return the hysteresis argument of time steps, (law, states, scratch arrays); () for no hysteresis."""
+        return (Past(self.model.memory.law(), states, self.held()),) if self.model.memory else ()
+
+    @property
+    @abstractmethod
+    def rest_turns(self) -> Float[Array, "n+1 3"]:
+        """Rotation vectors (n + 1, 3) [rad] of the base part and of each joint in the rest shape."""
 
     # positions
 
@@ -301,9 +306,7 @@ class Mechanics(ABC):
 
     @abstractmethod
     def directions(self, x: Float[Array, "... N"]) -> Float[Array, "... n+1 d"]:
-        """Return the unit vectors (..., n + 1, 2 or 3) along the base part and the n links, at
-        coordinates x (..., N).
-        """
+        """Return the unit vectors (..., n + 1, 2 or 3) along base part and links, at coordinates x (..., N)."""
 
     @abstractmethod
     def tips(self, x: Float[Array, "... N"]) -> Float[Array, "... n d"]:
@@ -311,9 +314,7 @@ class Mechanics(ABC):
 
     @abstractmethod
     def nodes(self, x: Float[Array, "... N"]) -> Float[Array, "... n+2 d"]:
-        """Return the positions (..., n + 2, 2 or 3) [m] of the origin, the first joint and all n link tips, in the base
-        frame.
-        """
+        """Return the positions (..., n + 2, 2 or 3) [m] of origin, first joint and n link tips, in the base frame."""
 
     @abstractmethod
     def stations(

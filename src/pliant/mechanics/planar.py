@@ -7,7 +7,7 @@ Statics and geometry are the same code for any S, also 0. A body that lengthens 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from pliant.compiler.choose import twin
 from pliant.compiler.trace import CURVED, REMEMBERS, planar_workspace
 from pliant.equations import chain, energy, extension, inertia, motion
 from pliant.equations.elastic import LEAST_STRETCH, spring_slope, spring_torque
+from pliant.equations.observation import ALONG_X, ALONG_Y, ANGLE
 from pliant.equations.symbols import (
     Body,
     ExtensibleBody,
@@ -29,10 +30,9 @@ from pliant.equations.symbols import (
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.contract import Mechanics
-from pliant.mechanics.frames import LinkFrames, link_coordinates
 from pliant.mechanics.lengths import check_lengths
 from pliant.mechanics.reaction import BaseTwist, planar_reaction, point_carried
-from pliant.mechanics.records import CoordinateKind, Energy
+from pliant.mechanics.records import CoordinateKind, Energy, LinkFrames, link_coordinates, strain_kind
 from pliant.mechanics.rest import loaded_rest
 from pliant.model import Station, fixed_length
 from pliant.model.extensible import extensible_inertia
@@ -55,7 +55,9 @@ class PlanarChain(Mechanics):
         Fraction of each of these that lies in each segment.
     """
 
-    dimension = 2
+    dimension, row_width = 2, 4
+    base_tangent = np.array([0.0, 1.0, 0.0])
+    outputs: ClassVar = {"tip_x": ALONG_X, "tip_y": ALONG_Y, "angle_sum": ANGLE}
 
     @cached_property
     def segments(self) -> int:
@@ -146,7 +148,7 @@ class PlanarChain(Mechanics):
             "joint", "joint angle", list(range(1, self.n + 1)), slice(0, self.n),
             ("joint_angle", "joint_rate", "disturbance", "external_torque"), ("rad", "rad/s", "N m"), np.ones(self.n),
         )
-        return (joints, *self.strain_kind(self.n))
+        return (joints, *strain_kind(self.model))
 
     def coordinates(self, q: Array) -> Array:
         x = np.array(q, dtype=float)
@@ -323,6 +325,10 @@ class PlanarChain(Mechanics):
             across = pull[..., ::-1] * [1.0, -1.0] * (place.across * own)[:, None]
             total += np.concatenate([along, across], axis=-1) if self.segments else along + across
         return total
+
+    @property
+    def rest_turns(self) -> Array:
+        return np.outer([self.model.base_angle, *self.model.rest_angle], [0.0, 0.0, 1.0])
 
     def with_own_base(self) -> PlanarChain:
         return self.with_constants(self.body, self.joints._replace(spin=np.zeros(2)))

@@ -9,7 +9,7 @@ Strains (S,) of segments that lengthen follow.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from pliant.compiler.choose import twin
 from pliant.compiler.trace import CURVED, TURNS, spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
+from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z
 from pliant.equations.poses import settle
 from pliant.equations.symbols import SpatialBody, SpatialHeld, SpatialJoints, SpatialWorkspace
 from pliant.errors import SimulationError
@@ -25,7 +26,7 @@ from pliant.mechanics.complex_slopes import TINY, of_kind
 from pliant.mechanics.contract import Mechanics
 from pliant.mechanics.lengths import check_lengths, input_length
 from pliant.mechanics.reaction import BaseTwist, spatial_reaction
-from pliant.mechanics.records import CoordinateKind, Energy
+from pliant.mechanics.records import CoordinateKind, Energy, strain_kind
 from pliant.mechanics.rest import BUCKLES, GROWING, settling
 from pliant.model import Model, Space, Station
 from pliant.model.extensible import tied_joints
@@ -41,7 +42,9 @@ class SpatialChain(Mechanics):
     Its coordinates x equal its joint coordinates: the `turns` angles of the joints, then the strains.
     """
 
-    dimension = 3
+    dimension, row_width = 3, 5
+    base_tangent = np.array([0.0, 0.0, 1.0])
+    outputs: ClassVar = {"tip_x": ALONG_X, "tip_y": ALONG_Y, "tip_z": ALONG_Z}
 
     @cached_property
     def turns(self) -> int:
@@ -152,7 +155,7 @@ class SpatialChain(Mechanics):
             )
             for axis in ("x", "y", "twist")[: self.space.turns]
         )
-        return (*turns, *self.strain_kind(self.turns))
+        return (*turns, *strain_kind(self.model))
 
     def coordinates(self, q: Array) -> Array:
         return np.array(q, dtype=float)
@@ -308,6 +311,10 @@ class SpatialChain(Mechanics):
         weight = self.body.mass[:, None] * field[:, None]
         total[:, 1:, :, 2], total[:, 1:, :, 3] = self.body.centre[:, None] * weight, weight
         return total
+
+    @property
+    def rest_turns(self) -> Array:
+        return np.concatenate([[self.space.base_tilt], self.space.rest_of(self.n)])
 
     def with_own_base(self) -> SpatialChain:
         return self.with_constants(self.body._replace(spin=np.zeros((2, 3))), self.joints)

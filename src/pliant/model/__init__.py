@@ -4,14 +4,14 @@ from typing import TYPE_CHECKING, Any
 
 from pliant.model.actuation import Actuation
 from pliant.model.actuation_input import ActuationInput
-from pliant.model.build import chain_model
 from pliant.model.chamber import Chamber
 from pliant.model.extensible import fixed_length
 from pliant.model.extension import Extension
 from pliant.model.memory import Memory, payne, springpot
 from pliant.model.model import Model
+from pliant.model.parameters import Station
+from pliant.model.parts import chain_model
 from pliant.model.space import Space
-from pliant.model.station import Station
 from pliant.model.tendon import Tendon
 from pliant.model.valve import Valve
 

@@ -12,12 +12,10 @@ import numpy as np
 
 from pliant.equations import chamber, laws
 from pliant.errors import InputError
-from pliant.model.actuation_input import PRESSURE, ActuationInput, CrossGain, JointGain
+from pliant.model.actuation_input import PRESSURE, ActuationInput, CrossGain, JointGain, rest_growth
 from pliant.model.checks import check_numbers, numbers, one_number
-from pliant.model.limits import MOST_TERMS
-from pliant.model.quantity import Quantity, declaring, quantities, scalars
+from pliant.model.quantity import MOST_TERMS, Quantity, declaring, quantities, scalars
 from pliant.model.valve import Valve, check_valve
-from pliant.model.wall import rest_growth
 
 Array = np.ndarray
 

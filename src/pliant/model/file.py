@@ -14,17 +14,15 @@ import numpy as np
 from pydantic import Field, ValidationError, create_model, field_validator
 
 from pliant.errors import InputError, explain_validation, shown
-from pliant.file_kinds import MODEL, refuse_other
-from pliant.files import content_of, write_text
+from pliant.files import MODEL, content_of, refuse_other, write_text
 from pliant.model.actuation_input import ActuationInput
 from pliant.model.chamber import Chamber
 from pliant.model.extension import Extension
 from pliant.model.memory import Memory
 from pliant.model.model import Model
-from pliant.model.parameters import MassAt, ModelParameters
+from pliant.model.parameters import MassAt, ModelParameters, Station
 from pliant.model.quantity import quantities
 from pliant.model.space import Space
-from pliant.model.station import Station
 from pliant.model.tables import Table, TableLayout, fields_of
 from pliant.model.tendon import DrivenBy, Tendon
 from pliant.model.valve import Valve

@@ -10,8 +10,7 @@ import numpy as np
 
 from pliant.equations import symbols
 from pliant.errors import InputError
-from pliant.model.limits import MOST_TERMS
-from pliant.model.quantity import Quantity, declaring, fields_per, quantities
+from pliant.model.quantity import MOST_TERMS, Quantity, declaring, fields_per, quantities
 
 PER_DECADE = 2  # branches of a springpot
 SLIP_PER_DECADE = 3  # slip elements of Payne's curve

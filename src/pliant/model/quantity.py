@@ -147,3 +147,8 @@ def declaring(record: type[R]) -> type[R]:
     ]
     record.__doc__ = f"{head}{''.join(rows)}{section}{rest}"
     return record
+
+
+MOST_LINKS = 128  # beyond, compiling and stepping take minutes, and a chain is not a reduced model
+MOST_TERMS = 16  # of the torque law, and branches of each kind of hysteresis
+MOST_STATIONS = 4096

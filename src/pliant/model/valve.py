@@ -30,7 +30,7 @@ class Valve:
     opening_time : float
         For a chamber that fills and vents through an opening, s: the time in which choked flow would fill it from
         vacuum to the pressure before the opening. Source: ISO 6358-1:2013, critical pressure ratio 0.5; see
-        `pliant.simulation.opening_loops`. 0: no opening.
+        `pliant.simulation.pressure_loops`. 0: no opening.
     dead_time : float
         Delay between command and first reaction, s.
     natural_frequency : float

@@ -64,7 +64,7 @@ def fits_without(groups: Sequence[Products], ridge: float) -> list[Array]:
         When the other groups do not determine the coefficients, which a positive `ridge` prevents.
     """
     whole = added(groups)
-    return [solved(without(whole, one), ridge) for one in groups]
+    return [solved(without(whole, group), ridge) for group in groups]
 
 
 def left_out_errors(groups: Sequence[Products], ridge: float) -> Array:
@@ -76,7 +76,7 @@ def left_out_errors(groups: Sequence[Products], ridge: float) -> Array:
         As `fits_without`.
     """
     fitted = fits_without(groups, ridge)
-    return np.array([squared_error(one, coefficients) for one, coefficients in zip(groups, fitted, strict=True)])
+    return np.array([squared_error(group, coefficients) for group, coefficients in zip(groups, fitted, strict=True)])
 
 
 def lagged(time: Array, start: Array, end: Array, time_constant: complex) -> Array:

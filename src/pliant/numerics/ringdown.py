@@ -170,8 +170,8 @@ def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
     """
     basis = decay_basis(x, t)
     left, size, right = directions(basis)
-    seen = left.T @ y
-    weights, remaining = right.T @ (seen / size), y - left @ seen
+    projected = left.T @ y
+    weights, remaining = right.T @ (projected / size), y - left @ projected
     wave, constant, slow = basis[:, :2] * t[:, None], np.zeros((t.size, 2)), basis[:, 3:] * t[:, None]
     omega, sigma, lag = np.exp(np.clip(x, -FAR, FAR))
     moved = np.stack([  # of the basis, (3, T, 4)
@@ -186,8 +186,8 @@ def decay_jacobian(x: Array, t: Array, y: Array) -> Array:
 def directions(basis: Array) -> tuple[Array, Array, Array]:
     """Return the singular value decomposition U, s, V^T of a matrix, without singular values that are 0 to rounding."""
     left, size, right = np.linalg.svd(basis, full_matrices=False)
-    kept = size > len(basis) * np.finfo(float).eps * size[0]
-    return left[:, kept], size[kept], right[kept]
+    significant = size > len(basis) * np.finfo(float).eps * size[0]
+    return left[:, significant], size[significant], right[significant]
 
 
 class Swings(NamedTuple):
@@ -217,14 +217,14 @@ def swings(time: Array, signal: Array) -> tuple[Swings, Swings]:
     t, y = np.asarray(time, dtype=float), np.asarray(signal, dtype=float)
     if t.size < 16 or np.ptp(y) == 0:
         return NONE, NONE
-    at, value = turning_points(t, y, max(NOISE * noise_of(y), LEAST_SWING * float(np.ptp(y))))
+    times, value = turning_points(t, y, max(NOISE * noise_of(y), LEAST_SWING * float(np.ptp(y))))
     way = np.abs(np.diff(value))
     if way.size == 0:
         return NONE, NONE
     large = way >= LARGE * way[0]
     end = int(np.argmin(large)) if not large.all() else way.size
     few = np.flatnonzero(way > SMALL * way[0])[-1] + 1
-    return swing_statistics(at, way, 0, end), swing_statistics(at, way, int(few), way.size)
+    return swing_statistics(times, way, 0, end), swing_statistics(times, way, int(few), way.size)
 
 
 def swing_statistics(at: Array, way: Array, first: int, last: int) -> Swings:
@@ -263,13 +263,13 @@ def turning_points(t: Array, y: Array, least: float) -> tuple[Array, Array]:
             way = -way
             turns.append(k)
     inner = [k for k in turns[1:-1] if k > 0]  # the last one may not be a turning point
-    at, value = [t[0]], [y[0]]
+    times, value = [t[0]], [y[0]]
     for k in inner:
         bend = y[k - 1] - 2.0 * y[k] + y[k + 1]
         shift = 0.5 * (y[k - 1] - y[k + 1]) / bend if bend else 0.0
-        at.append(t[k] + shift * (t[k + 1] - t[k]))
+        times.append(t[k] + shift * (t[k + 1] - t[k]))
         value.append(y[k] - 0.25 * (y[k - 1] - y[k + 1]) * shift)
-    return np.array(at), np.array(value)
+    return np.array(times), np.array(value)
 
 
 def peak(values: Array) -> float:

@@ -15,21 +15,21 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.preprocessing.alignment import Alignment, alignment_of
 from pliant.preprocessing.base import (
+    BaseRest,
     base_rotation_at_rest,
     base_tangent,
     bending_normal,
     input_normal,
     named_axis,
     still_noise,
+    with_base_input,
 )
-from pliant.preprocessing.base_input import BaseRest, with_base_input
 from pliant.preprocessing.detectors import BLOCK_FRAMES, mean_place, orientation_jumps, seen_points
 from pliant.preprocessing.repair import undo_orientation_jumps
 from pliant.preprocessing.rest import clock_finding, rest_window
 from pliant.preprocessing.rotations import angle_about, continuous, from_matrix, mean_rotation, to_matrix
-from pliant.preprocessing.side import bending_sign, half_turn, planar_side
+from pliant.preprocessing.side import Alignment, alignment_of, bending_sign, half_turn, planar_side
 from pliant.recording import append_history, check_recording, make_recording
 from pliant.recording.schema import refuse_loss
 
@@ -141,12 +141,12 @@ def align(
     zero = pose[index] + (offset * y if offset.ndim == 0 else offset)
     about = {"motion": mean_place(position), "body": zero}  # the mean: a rest pose outside the plane must not tilt it
     method = plane if isinstance(plane, str) else "stated"
-    given = input_normal(recording, y, position, pose) if method == "input" else named_axis(plane, base_rotation)
+    direction = input_normal(recording, y, position, pose) if method == "input" else named_axis(plane, base_rotation)
     noise = 0.0 if rest is not None and window.all() else still_noise(position)  # of poses, differences are no noise
-    normal, flatness = bending_normal(plane if given is None else given, y, position, about, noise)
+    normal, flatness = bending_normal(plane if direction is None else direction, y, position, about, noise)
     sign = 1 if method == "input" else bending_sign(recording, position, pose, zero, np.cross(y, normal))
-    kept = bend is None or (space and method not in ("motion", "body", "input"))
-    if not kept and sign not in (0, _wanted_sign(str(bend))):
+    straight = bend is None or (space and method not in ("motion", "body", "input"))
+    if not straight and sign not in (0, _wanted_sign(str(bend))):
         normal, sign = -normal, -sign
     rotation = np.roll(np.stack([np.cross(y, normal), y, normal]), int(space), axis=0)
     report = Alignment(
@@ -156,10 +156,10 @@ def align(
         base_motion_removed=remove_base_motion or base_motion, frame="spatial" if space else "planar",
         **_out_of_plane(position, about["motion"], normal),
     )  # fmt: skip
-    place = _turned(position, zero, rotation if space else rotation[:2])
+    in_frame = _turned(position, zero, rotation if space else rotation[:2])
     turned = _orientations(matrices, window, rotation) if space else _angles(matrices, window, normal)
     arc = _arc_length(recording, arc_length, pose, index, offset)
-    aligned = _aligned(recording, place, {"quaternion" if space else "angle": turned}, arc, report)
+    aligned = _aligned(recording, in_frame, {"quaternion" if space else "angle": turned}, arc, report)
     return with_base_input(aligned, raw, base_cutoff) if base_motion else aligned
 
 
@@ -296,8 +296,8 @@ def _angles(matrices: NDArray | None, window: NDArray, normal: NDArray) -> NDArr
     start = mean_rotation(matrices[window])
     angle = angle_about(matrices @ np.swapaxes(start, -1, -2), normal)
     for s in range(angle.shape[1]):
-        seen = np.flatnonzero(np.isfinite(angle[:, s]))
-        angle[seen, s] = np.unwrap(angle[seen, s])
+        known = np.flatnonzero(np.isfinite(angle[:, s]))
+        angle[known, s] = np.unwrap(angle[known, s])
     return angle if np.isfinite(angle).any() else None
 
 

@@ -98,9 +98,9 @@ def from_rest(recording: xr.Dataset, rest: tuple[float, float] | None = None) ->
     if backward:
         lines.append(f"positive pressure turned {', '.join(names[k] for k in backward)} to the negative side: the sign "
                      "was changed")  # fmt: skip
-    kept = recording.assign(angle=recording["angle"].copy(data=turned))
-    kept["angle"].attrs = {**recording["angle"].attrs, "reference": "rest"}
-    return append_history(kept, *lines)
+    relative = recording.assign(angle=recording["angle"].copy(data=turned))
+    relative["angle"].attrs = {**recording["angle"].attrs, "reference": "rest"}
+    return append_history(relative, *lines)
 
 
 def turns_back(recording: xr.Dataset, angle: NDArray) -> bool:
@@ -109,14 +109,14 @@ def turns_back(recording: xr.Dataset, angle: NDArray) -> bool:
     Without a measured pressure its largest magnitude decides. With several chambers the result is False, as each may
     bend to its own side.
     """
-    seen = np.isfinite(angle)
-    if not seen.any():
+    finite = np.isfinite(angle)
+    if not finite.any():
         return False
-    pressures = [one for one in recorded_inputs(recording) if one.kind == "pressure"]
+    pressures = [channel for channel in recorded_inputs(recording) if channel.kind == "pressure"]
     if len(pressures) > 1:
         return False
     if pressures:
         p = np.interp(recording["time"].values, pressures[0].time, np.nan_to_num(pressures[0].values))
         away = p - np.median(p[:5])
-        return bool(float(away[seen] @ angle[seen]) < 0)
-    return bool(abs(np.min(angle[seen])) > abs(np.max(angle[seen])))
+        return bool(float(away[finite] @ angle[finite]) < 0)
+    return bool(abs(np.min(angle[finite])) > abs(np.max(angle[finite])))

@@ -86,11 +86,11 @@ def station_arc_length(
                         "of the mean")
     if "arc_length" not in recording.coords:
         return measured, ("arc length: time-mean sum of chords", *findings)
-    given = recording["arc_length"].values
-    if not np.isfinite(given).all() or (np.diff(given) <= 0).any():
+    stated = recording["arc_length"].values
+    if not np.isfinite(stated).all() or (np.diff(stated) <= 0).any():
         raise InputError("arc_length of the stations must increase strictly from base to tip: correct it, or leave "
                          "it out to use the sum of chords")
-    ratio = measured[-1] / (given[-1] - given[0])
+    ratio = measured[-1] / (stated[-1] - stated[0])
     if abs(ratio - 1.0) > STRETCH_WORTH_TELLING:
         findings.append(f"the chords add up to {ratio:.3f} times the recorded arc length")
-    return given - given[0], ("arc length: as recorded", *findings)
+    return stated - stated[0], ("arc length: as recorded", *findings)

@@ -107,15 +107,15 @@ def find_tip(
     width = max(spacing, gauge_length or 0.0)
     template = _template(kappa, spacing, cap_curvature, cap_length, width, tail_curvature)
     whole = np.isfinite(kappa).all(axis=1)
-    place, fit = np.full(len(kappa), np.nan), np.full((4, len(kappa)), np.nan)
+    tip_arc, fit = np.full(len(kappa), np.nan), np.full((4, len(kappa)), np.nan)
     if whole.any():
-        place[whole], fit[:, whole] = template.locate(kappa[whole])
+        tip_arc[whole], fit[:, whole] = template.locate(kappa[whole])
     body, plateau, tail, edge_error = fit
     allowed = PLATEAU_TOLERANCE * abs(cap_curvature) + 3.0 * edge_error
     capped = (np.abs(plateau - cap_curvature) < allowed) & (np.abs(tail - tail_curvature) < allowed)
     contrast = np.abs(body - cap_curvature) / abs(cap_curvature)
     clear = capped & (contrast * abs(cap_curvature) > LEAST_CONTRAST * abs(cap_curvature) + 3.0 * edge_error)
-    return _consensus(np.where(capped, place, np.nan), capped, clear, contrast, spacing)
+    return _consensus(np.where(capped, tip_arc, np.nan), capped, clear, contrast, spacing)
 
 
 def _template(
@@ -164,13 +164,13 @@ def _consensus(
     confidence = float(share * outstanding * steady)
     rejected = int((~agree).sum())
     counted += f", {rejected} far from the median"
-    found = confidence >= NEEDED_CONFIDENCE
-    if found:
+    sure = confidence >= NEEDED_CONFIDENCE
+    if sure:
         status = f"Tip at {tip * 1e3:.2f} mm, confidence {confidence:.2f}, from {int(agree.sum())} of {counted}."
     else:
         status = f"No tip: the frames do not agree, confidence {confidence:.2f} ({counted})."
     used = int(agree.sum())
-    return Tip(found, tip if found else np.nan, sd, confidence, status, place, used, without, ambiguous, rejected)
+    return Tip(sure, tip if sure else np.nan, sd, confidence, status, place, used, without, ambiguous, rejected)
 
 
 class CapTemplate:

@@ -81,9 +81,9 @@ def assemble(
     clusters = _load(mapping)
     members = _members(clusters, [str(n) for n in recording["station"].values])
     shape = (recording.sizes["time"], len(members))
-    place, quaternion, residual, history = np.empty((*shape, 3)), np.empty((*shape, 4)), np.empty(shape[1]), []
+    centres, quaternion, residual, history = np.empty((*shape, 3)), np.empty((*shape, 4)), np.empty(shape[1]), []
     for k, (name, markers) in enumerate(members.items()):
-        place[:, k], quaternion[:, k], residual[k], line = _station(
+        centres[:, k], quaternion[:, k], residual[k], line = _station(
             recording, name, clusters[name], markers, tolerance_mm * 1e-3
         )
         history.append(line)
@@ -92,7 +92,7 @@ def assemble(
     if unused:
         history.append(f"{len(unused)} marker(s) belong to no cluster and were left out: {', '.join(unused)}")
     assembled = make_recording(
-        recording["time"].values, place, station=list(members),
+        recording["time"].values, centres, station=list(members),
         quaternion=quaternion if np.isfinite(quaternion).any() else None, attrs=dict(recording.attrs),
     )  # fmt: skip
     others = recording.drop_vars(["position", "quaternion", "station", "component", "arc_length"], errors="ignore")
@@ -128,11 +128,11 @@ def _members(clusters: dict[str, Cluster], available: list[str]) -> dict[str, li
         members[name] = []
         for pattern in cluster.markers:
             exact = [pattern] if pattern in available else []
-            found = exact or [m for m in available if fnmatchcase(m, pattern)]
-            if not found:
+            names = exact or [m for m in available if fnmatchcase(m, pattern)]
+            if not names:
                 raise InputError(f"station {name!r} names a marker {pattern!r} that is not in the recording: correct "
                                  f"the name; available: {', '.join(available)}")  # fmt: skip
-            for marker in found:
+            for marker in names:
                 if owner.setdefault(marker, name) != name:
                     raise InputError(f"marker {marker!r} belongs to two stations, {owner[marker]!r} and "
                                      f"{name!r}: assign it to one of them")  # fmt: skip
@@ -161,10 +161,10 @@ def _station(
         if cluster.offset is not None:
             raise InputError(f"station {name!r} has an offset, which needs an orientation: give it three markers "
                              "that are not on one line")  # fmt: skip
-        place = points.mean(1) if cluster.point is None else points[:, markers.index(cluster.point)]
-        lost = int(np.isnan(place).any(1).sum())
+        middle = points.mean(1) if cluster.point is None else points[:, markers.index(cluster.point)]
+        lost = int(np.isnan(middle).any(1).sum())
         line = f"station {name}: position of {len(markers)} marker(s), no orientation{_lost(lost)}"
-        return place, unturned, float("nan"), line
+        return middle, unturned, float("nan"), line
     shape = _mean_shape(shape, points[complete])
     rotation, centre, residual = _poses(shape, points)
     limit = float(np.nanpercentile(residual, 95))
@@ -208,11 +208,11 @@ def _poses(shape: NDArray, points: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     frames = len(points)
     rotation = np.full((frames, 3, 3), np.nan)
     centre, residual = np.full((frames, 3), np.nan), np.full(frames, np.nan)
-    seen = np.isfinite(points).all(2)
-    for pattern in np.unique(seen, axis=0):
+    complete = np.isfinite(points).all(2)
+    for pattern in np.unique(complete, axis=0):
         if not _fixes_orientation(shape[pattern]):
             continue
-        rows = np.flatnonzero((seen == pattern).all(1))
+        rows = np.flatnonzero((complete == pattern).all(1))
         part = points[np.ix_(rows, np.flatnonzero(pattern))]
         turn = best_rotation(shape[pattern], part)
         shift = part.mean(1) - turn @ shape[pattern].mean(0)

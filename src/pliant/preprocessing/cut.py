@@ -35,16 +35,16 @@ def cut_time(recording: xr.Dataset, start: float, end: float) -> xr.Dataset:
         When fewer than ten frames lie between them.
     """
     clocks = [name for name in ("time", "pressure_time", "input_time") if name in recording.coords]
-    at = {name: recording[name].to_numpy() for name in clocks}
-    kept = {name: np.flatnonzero((clock >= start) & (clock <= end)) for name, clock in at.items()}
-    if len(kept["time"]) < FEWEST_FRAMES:
-        first, last = at["time"][[0, -1]]
+    clock_of = {name: recording[name].to_numpy() for name in clocks}
+    rows = {name: np.flatnonzero((clock >= start) & (clock <= end)) for name, clock in clock_of.items()}
+    if len(rows["time"]) < FEWEST_FRAMES:
+        first, last = clock_of["time"][[0, -1]]
         raise InputError(
-            f"{len(kept['time'])} frames are between {start:g} and {end:g} s, but {FEWEST_FRAMES} are needed: choose "
+            f"{len(rows['time'])} frames are between {start:g} and {end:g} s, but {FEWEST_FRAMES} are needed: choose "
             f"a longer interval; the recording runs from {first:.6g} to {last:.6g} s"
         )
-    line = f"cut to {start:g} to {end:g} s: {len(kept['time'])} of {len(at['time'])} frames"
-    return check_recording(append_history(recording.isel(kept), line))
+    line = f"cut to {start:g} to {end:g} s: {len(rows['time'])} of {len(clock_of['time'])} frames"
+    return check_recording(append_history(recording.isel(rows), line))
 
 
 def cut_body(recording: xr.Dataset, base: float, tip: float) -> xr.Dataset:
@@ -82,11 +82,11 @@ def cut_body(recording: xr.Dataset, base: float, tip: float) -> xr.Dataset:
                          "needed: move base or tip")
     cut = recording.isel(station=inside).drop_vars("strain", errors="ignore")
     if {"quaternion", "angle", *FURTHER} & set(recording.data_vars):
-        at, start = s[inside], s[inside[0]]
+        arcs, start = s[inside], s[inside[0]]
     else:
-        cut, at = _with_exact_ends(recording, cut, s, inside, (base, tip))
+        cut, arcs = _with_exact_ends(recording, cut, s, inside, (base, tip))
         start = base
-    cut = cut.assign_coords(arc_length=("station", at - start))
+    cut = cut.assign_coords(arc_length=("station", arcs - start))
     cut["arc_length"].attrs.update(units="m", long_name="arc length of the station from the base")
     refuse_loss(recording, cut, "cut_body", ("strain",))
     lead, tail = inside[0], s.size - 1 - inside[-1]
@@ -102,20 +102,20 @@ def _with_exact_ends(
     ends: tuple[float, float],
 ) -> tuple[xr.Dataset, NDArray[np.float64]]:
     """Return the cut recording with stations at exactly both ends, and the arc lengths of its stations."""
-    names, at = [str(n) for n in cut["station"].values], s[inside]
+    names, arcs = [str(n) for n in cut["station"].values], s[inside]
     points = [cut["position"].values]
     neighbours = max(0, inside[0] - 2), max(0, min(inside[-1] - 1, s.size - 4))
-    for end, near, gap in ((0, neighbours[0], at[0] - ends[0]), (1, neighbours[1], ends[1] - at[-1])):
+    for end, near, gap in ((0, neighbours[0], arcs[0] - ends[0]), (1, neighbours[1], ends[1] - arcs[-1])):
         if gap <= 1e-6 * ends[1]:
             continue
         around = slice(near, near + 4)
         weights = local_cubic_matrix(s[around], [ends[end]])
         new = np.matmul(weights, recording["position"].values[:, around])
-        place = len(names) * end
-        names.insert(place, ("base", "tip")[end])
-        at = np.insert(at, place, ends[end])
+        index = len(names) * end
+        names.insert(index, ("base", "tip")[end])
+        arcs = np.insert(arcs, index, ends[end])
         points.insert(len(points) * end, new)
     array = np.concatenate(points, axis=1)
-    kept = cut.drop_dims("station").assign_coords(station=names)
-    kept = kept.assign(position=(("time", "station", "axis"), array, dict(recording["position"].attrs)))
-    return kept, at
+    extended = cut.drop_dims("station").assign_coords(station=names)
+    extended = extended.assign(position=(("time", "station", "axis"), array, dict(recording["position"].attrs)))
+    return extended, arcs

@@ -55,9 +55,9 @@ def mean_place(position: NDArray) -> NDArray:
     total, count = np.zeros(position.shape[1:]), np.zeros((position.shape[1], 1))
     for i in range(0, len(position), BLOCK_FRAMES):
         part = position[i : i + BLOCK_FRAMES]
-        seen = np.isfinite(part).all(2, keepdims=True)
-        total += np.where(seen, part, 0.0).sum(0)
-        count += seen.sum(0)
+        complete = np.isfinite(part).all(2, keepdims=True)
+        total += np.where(complete, part, 0.0).sum(0)
+        count += complete.sum(0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
@@ -65,7 +65,7 @@ def repeated_frames(position: NDArray, quaternion: NDArray | None = None) -> NDA
     """Return a mask (T,) that is True for each of T frames in which all positions, and quaternions if any, equal those
     of the previous frame.
     """
-    same, seen = np.ones(len(position), dtype=bool), np.zeros(len(position), dtype=bool)
+    same, repeats = np.ones(len(position), dtype=bool), np.zeros(len(position), dtype=bool)
     for values in (position, quaternion):
         if values is None:
             continue
@@ -73,8 +73,8 @@ def repeated_frames(position: NDArray, quaternion: NDArray | None = None) -> NDA
         for i in range(1, len(flat), BLOCK_FRAMES):
             now, before = flat[i : i + BLOCK_FRAMES], flat[i - 1 : i - 1 + BLOCK_FRAMES][: len(flat) - i]
             same[i : i + BLOCK_FRAMES] &= ((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=1)
-            seen[i : i + BLOCK_FRAMES] |= np.isfinite(now).any(axis=1)
-    return same & seen
+            repeats[i : i + BLOCK_FRAMES] |= np.isfinite(now).any(axis=1)
+    return same & repeats
 
 
 def noise_level(position: NDArray) -> NDArray:
@@ -96,9 +96,9 @@ def quantum(values: NDArray) -> float:
 
     Values are on a grid where few of them differ and every distance of neighbours is a whole number of the smallest.
     """
-    seen = values[np.isfinite(values)]
-    levels = np.unique(np.round(seen, 12))
-    if not 3 <= len(levels) <= GRID_SHARE * len(seen):
+    finite = values[np.isfinite(values)]
+    levels = np.unique(np.round(finite, 12))
+    if not 3 <= len(levels) <= GRID_SHARE * len(finite):
         return 0.0
     apart = np.diff(levels)
     apart = apart[apart > 1e-6 * np.ptp(levels)]
@@ -132,9 +132,9 @@ def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
     The residual against the cubic through two neighbours on each side must exceed its surroundings by far, and the
     steps to and from the frame must oppose each other. `floor` is the `fault_floor`, where it is known.
     """
-    found = np.zeros(position.shape[:2], dtype=bool)
+    spiked = np.zeros(position.shape[:2], dtype=bool)
     if len(position) < 2 * WINDOW:
-        return found
+        return spiked
     x = position
     residual = np.zeros_like(x)
     residual[2:-2] = x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6
@@ -143,16 +143,16 @@ def spikes(position: NDArray, floor: NDArray | None = None) -> NDArray:
     opposed = (step[:-1] * step[1:]).sum(2) < 0
     returned = _lengths(x[2:] - x[:-2]) < 0.5 * size[1:-1]
     largest = (size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:])
-    found[1:-1] = opposed & returned & largest
-    return found & _stands_out(size, 3, _floor_of(position) if floor is None else floor)
+    spiked[1:-1] = opposed & returned & largest
+    return spiked & _stands_out(size, 3, _floor_of(position) if floor is None else floor)
 
 
 def without_spikes(position: NDArray) -> NDArray:
     """Return the positions (T, S, d) [m] of S stations over T frames in d dimensions, with NaN where a station leaves
     its path for a single frame, or for the frames that repeat it.
     """
-    found = spiked_frames(position)
-    return np.where(found[..., None], np.nan, position) if found.any() else position
+    spiked = spiked_frames(position)
+    return np.where(spiked[..., None], np.nan, position) if spiked.any() else position
 
 
 def spiked_frames(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
@@ -167,11 +167,11 @@ def spikes_bridged(position: NDArray) -> NDArray:
     """Return the positions (T, S, d) [m] of S stations over T frames in d dimensions. Where a station leaves its path
     for a single frame, its position is the mean of the neighbouring frames.
     """
-    found = by_blocks(spikes, position)  # none in the first and the last frame
-    if not found.any():
+    spiked = by_blocks(spikes, position)  # none in the first and the last frame
+    if not spiked.any():
         return position
     result = position.copy()
-    result[1:-1][found[1:-1]] = 0.5 * (position[:-2] + position[2:])[found[1:-1]]
+    result[1:-1][spiked[1:-1]] = 0.5 * (position[:-2] + position[2:])[spiked[1:-1]]
     return result
 
 
@@ -181,9 +181,9 @@ def jumps(position: NDArray, time: NDArray, floor: NDArray | None = None) -> NDA
 
     The step is compared with the velocities before and after it.
     """
-    found = np.zeros(position.shape[:2], dtype=bool)
+    jumped = np.zeros(position.shape[:2], dtype=bool)
     if len(position) < 2 * WINDOW:
-        return found
+        return jumped
     dt = np.diff(time)
     step = np.diff(position, axis=0)
     velocity = step / dt[:, None, None]
@@ -195,8 +195,8 @@ def jumps(position: NDArray, time: NDArray, floor: NDArray | None = None) -> NDA
     sudden = _stands_out(excess, 2, _floor_of(position) if floor is None else floor)
     sudden[1:-1] &= excess[1:-1] > 2.0 * neighbours * dt[1:-1, None]
     sudden &= (dt < 1.5 * np.median(dt))[:, None]
-    found[1:] = sudden
-    return found
+    jumped[1:] = sudden
+    return jumped
 
 
 def sign_flips(quaternion: NDArray) -> NDArray:
@@ -239,12 +239,12 @@ def out_of_plane_share(position: NDArray) -> float:
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        place = by_blocks(lambda part: np.nanmean(part, axis=0).T, position).T
-    chord = np.nan_to_num(place[-1] - place[0])
+        centres = by_blocks(lambda part: np.nanmean(part, axis=0).T, position).T
+    chord = np.nan_to_num(centres[-1] - centres[0])
     length = np.linalg.norm(chord)
     chord = chord / length if length > 0 else chord
     scatter, whole = np.zeros((position.shape[-1],) * 2), 0.0
-    for moved in seen_points(position, place):
+    for moved in seen_points(position, centres):
         across = moved - (moved @ chord)[:, None] * chord
         scatter += across.T @ across
         whole += float((moved**2).sum())
@@ -274,19 +274,19 @@ def _stands_out(size: NDArray, hole: int, floor: NDArray) -> NDArray:
     The median leaves out the frame itself and frames closer than `hole`. It is computed for values above the floor
     only, which are few.
     """
-    found = np.zeros(size.shape, dtype=bool)
+    outliers = np.zeros(size.shape, dtype=bool)
     rows, columns = np.nonzero(size > floor)
     offsets = np.array([k for k in range(-WINDOW, WINDOW + 1) if abs(k) >= hole])
     around = np.clip(rows[:, None] + offsets, 0, len(size) - 1)
     level = np.nan_to_num(_nanmedian(size[around, columns[:, None]].T))
-    found[rows, columns] = size[rows, columns] > SPIKE_RATIO * level + floor[columns]
-    return found
+    outliers[rows, columns] = size[rows, columns] > SPIKE_RATIO * level + floor[columns]
+    return outliers
 
 
 def _nanmedian(values: NDArray) -> NDArray:
     """Return the median over the first dimension, NaN where all is NaN; ten times as fast as NumPy's."""
-    ordered, seen = np.sort(values, axis=0), np.count_nonzero(~np.isnan(values), axis=0)[None]  # NaN comes last
-    low, high = (np.take_along_axis(ordered, np.maximum(k, 0), axis=0)[0] for k in ((seen - 1) // 2, seen // 2))
+    ordered, counts = np.sort(values, axis=0), np.count_nonzero(~np.isnan(values), axis=0)[None]  # NaN comes last
+    low, high = (np.take_along_axis(ordered, np.maximum(k, 0), axis=0)[0] for k in ((counts - 1) // 2, counts // 2))
     return 0.5 * (low + high)
 
 
@@ -296,8 +296,8 @@ def white_noise(data: NDArray) -> NDArray:
     """
     bend = np.abs(np.diff(data, 2, axis=0))
     noise = np.full(data.shape[1:], 1.0)
-    for place in np.ndindex(*noise.shape):
-        column = bend[(slice(None), *place)]
+    for index in np.ndindex(*noise.shape):
+        column = bend[(slice(None), *index)]
         if np.isfinite(column).any():
-            noise[place] = max(float(np.nanmedian(column)) / 0.6745 / np.sqrt(6.0), LEAST_NOISE)
+            noise[index] = max(float(np.nanmedian(column)) / 0.6745 / np.sqrt(6.0), LEAST_NOISE)
     return noise

@@ -39,9 +39,9 @@ def input_glitches(recording: xr.Dataset) -> dict[str, tuple[Glitch, ...]]:
     only pressure of a recording has the name ``p``.
     """
     return {
-        one.name or "p": tuple(
-            (float(one.time[a]), farthest(one.values, a, b), b - a) for a, b in spans
-        ) for one, spans in glitch_spans(recording) if spans
+        channel.name or "p": tuple(
+            (float(channel.time[a]), farthest(channel.values, a, b), b - a) for a, b in spans
+        ) for channel, spans in glitch_spans(recording) if spans
     }  # fmt: skip
 
 
@@ -55,17 +55,17 @@ def farthest(values: NDArray, start: int, stop: int) -> float:
 def glitch_spans(recording: xr.Dataset) -> list[tuple[RecordedInput, list[tuple[int, int]]]]:
     """Return each recorded input with its glitches, as (first sample, last sample + 1)."""
     inputs = recorded_inputs(recording)
-    possible = [excursions(one.values) for one in inputs]
+    possible = [excursions(entry.values) for entry in inputs]
     if not any(possible):
-        return [(one, []) for one in inputs]
-    smooth = [bridged(one.time, one.values, spans) for one, spans in zip(inputs, possible, strict=True)]
-    found = []
-    for k, (one, spans) in enumerate(zip(inputs, possible, strict=True)):
-        sisters = [(other, smooth[j]) for j, other in enumerate(inputs) if j != k and len(other.time) == len(one.time)
-                   and other.kind == one.kind and alike(smooth[k], smooth[j])]  # fmt: skip
+        return [(entry, []) for entry in inputs]
+    smooth = [bridged(entry.time, entry.values, spans) for entry, spans in zip(inputs, possible, strict=True)]
+    glitches = []
+    for k, (entry, spans) in enumerate(zip(inputs, possible, strict=True)):
+        sisters = [(other, smooth[j]) for j, other in enumerate(inputs) if j != k and len(other.time) == len(entry.time)
+                   and other.kind == entry.kind and alike(smooth[k], smooth[j])]  # fmt: skip
         rare = sisters or len(spans) <= RAREST
-        found.append((one, [s for s in spans if rare and contradicted(one.values, smooth[k], s, sisters)]))
-    return found
+        glitches.append((entry, [s for s in spans if rare and contradicted(entry.values, smooth[k], s, sisters)]))
+    return glitches
 
 
 def excursions(values: NDArray) -> list[tuple[int, int]]:
@@ -146,20 +146,21 @@ def varies(smooth: NDArray) -> bool:
 
 def leave_out_glitches(recording: xr.Dataset) -> xr.Dataset:
     """Return the recording with straight lines in place of the glitches of its inputs, counted in the history."""
-    found = [(one, spans) for one, spans in glitch_spans(recording) if spans]
-    if not found:
+    glitches = [(entry, spans) for entry, spans in glitch_spans(recording) if spans]
+    if not glitches:
         return recording
     changed: dict[str, NDArray] = {}
     columns = {"pressure": 0, "actuation": 0}
-    spans_of = {one.name: spans for one, spans in found}
-    for one in recorded_inputs(recording):
-        variable = "pressure" if one.kind == "pressure" else "actuation"
-        values = changed.setdefault(variable, recording[variable].values.reshape(len(one.time), -1).copy())
-        values[:, columns[variable]] = bridged(one.time, one.values, spans_of.get(one.name, []))
+    spans_of = {entry.name: spans for entry, spans in glitches}
+    for entry in recorded_inputs(recording):
+        variable = "pressure" if entry.kind == "pressure" else "actuation"
+        values = changed.setdefault(variable, recording[variable].values.reshape(len(entry.time), -1).copy())
+        values[:, columns[variable]] = bridged(entry.time, entry.values, spans_of.get(entry.name, []))
         columns[variable] += 1
     data: dict[str, Any] = {n: recording[n].copy(data=v.reshape(recording[n].shape)) for n, v in changed.items()}
-    count = "; ".join(f"{one.name or 'p'} {len(spans)} (at {', '.join(f'{one.time[a]:.2f}' for a, _ in spans[:6])} s)"
-                      for one, spans in found)  # fmt: skip
+    count = "; ".join(f"{entry.name or 'p'} {len(spans)} (at "
+                      f"{', '.join(f'{entry.time[a]:.2f}' for a, _ in spans[:6])} s)"
+                      for entry, spans in glitches)  # fmt: skip
     return append_history(recording.assign(data), f"left out glitches of inputs and joined their neighbours: {count}")
 
 

@@ -71,20 +71,20 @@ def stopped(position: NDArray, flat: NDArray) -> NDArray:
     The leap must be larger than the step after it, and the wait longer than the repeats of a tracker that is slower
     than its log.
     """
-    found = np.zeros(len(position), dtype=bool)
+    stops = np.zeros(len(position), dtype=bool)
     again = repeated_frames(flat)
     usual = np.median(np.diff(np.flatnonzero(~again))) if (~again).sum() > 1 else np.inf
     spans = [(a, b) for a, b in runs(again) if b - a >= LEAST_REPEATS * usual]
     if not spans:
-        return found
+        return stops
     apart = np.linalg.norm(np.diff(position, axis=0), axis=2)
     steps = np.where(np.isfinite(apart), apart, 0.0).max(axis=1)
     noise = float(np.nan_to_num(noise_level(position)).max())
     for start, stop in spans:
         later = steps[stop:][steps[stop:] > 0]
         if later.size and steps[stop - 1] > max(LEAP * later[0], BEYOND_NOISE * noise):
-            found[start:stop] = True
-    return found
+            stops[start:stop] = True
+    return stops
 
 
 def runs(flags: NDArray, least: int = LEAST_REPEATS) -> list[tuple[int, int]]:
@@ -150,13 +150,13 @@ def staircases(recording: xr.Dataset) -> dict[str, tuple[int, float]]:
     are larger than its resolution. The only pressure of a recording has the name ``p``. Typed steps, which a reader
     held between the rows of a table, are no staircase.
     """
-    found = {}
-    for one in recorded_inputs(recording):
-        variable = "pressure" if one.kind == "pressure" else "actuation"
-        every = 1 if recording[variable].attrs.get(BETWEEN) == HELD else _interval(one.values)
+    stairs = {}
+    for channel in recorded_inputs(recording):
+        variable = "pressure" if channel.kind == "pressure" else "actuation"
+        every = 1 if recording[variable].attrs.get(BETWEEN) == HELD else _interval(channel.values)
         if every > 1:
-            found[one.name or "p"] = (every, every * float(np.median(np.diff(one.time))))
-    return found
+            stairs[channel.name or "p"] = (every, every * float(np.median(np.diff(channel.time))))
+    return stairs
 
 
 def _interval(values: NDArray) -> int:
@@ -191,26 +191,26 @@ def lines_between_changes(recording: xr.Dataset) -> xr.Dataset:
     Other inputs are unchanged. A value that stays longer than one and a half intervals is kept until one interval
     before the next change.
     """
-    held = staircases(recording)
-    if not held:
+    stairs = staircases(recording)
+    if not stairs:
         return append_history(recording, "no input is a staircase: none was changed")
     changed: dict[str, NDArray] = {}
     columns = {"pressure": 0, "actuation": 0}
-    for one in recorded_inputs(recording):
-        variable = "pressure" if one.kind == "pressure" else "actuation"
-        values = changed.setdefault(variable, recording[variable].values.reshape(len(one.time), -1).copy())
-        if (one.name or "p") in held:
-            values[:, columns[variable]] = _lines(one.time, one.values, held[one.name or "p"][0])
+    for channel in recorded_inputs(recording):
+        variable = "pressure" if channel.kind == "pressure" else "actuation"
+        values = changed.setdefault(variable, recording[variable].values.reshape(len(channel.time), -1).copy())
+        if (channel.name or "p") in stairs:
+            values[:, columns[variable]] = _lines(channel.time, channel.values, stairs[channel.name or "p"][0])
         columns[variable] += 1
     data: dict[str, Any] = {n: recording[n].copy(data=v.reshape(recording[n].shape)) for n, v in changed.items()}
-    return append_history(recording.assign(data), f"straight lines between the changes of {', '.join(held)}")
+    return append_history(recording.assign(data), f"straight lines between the changes of {', '.join(stairs)}")
 
 
 def _lines(time: NDArray, values: NDArray, every: int) -> NDArray:
     """Return values (P,) that are linear between the samples at which `values` change; NaN stays NaN."""
-    seen = np.isfinite(values)
-    rows = np.flatnonzero(seen)
+    finite = np.isfinite(values)
+    rows = np.flatnonzero(finite)
     new = rows[np.concatenate([[True], np.diff(values[rows]) != 0])]
     late = new[1:][np.diff(new) > 1.5 * every] - every  # the last update that brought the same value
-    knots = np.union1d(new, late[seen[late]])
-    return np.where(seen, np.interp(time, time[knots], values[knots]), np.nan)
+    knots = np.union1d(new, late[finite[late]])
+    return np.where(finite, np.interp(time, time[knots], values[knots]), np.nan)

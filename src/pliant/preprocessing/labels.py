@@ -7,7 +7,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
+from pliant.display import body_svg
 from pliant.preprocessing import detectors
 from pliant.recording.schema import append_history, check_holds
 
@@ -39,15 +41,15 @@ def label_order(position: NDArray, time: NDArray) -> NDArray[np.intp]:
     order = np.tile(np.arange(stations), (frames, 1))
     if frames < 4:  # no step is the usual one
         return order
-    place, last = position, _last_seen(position)
+    points, last = position, _last_seen(position)
     for t in _suspects(position, last, time):
-        follows = _continuation(place, last, time, t)
+        follows = _continuation(points, last, time, t)
         if follows is not None:  # from here on each station is where its point went on
-            place = place.copy() if place is position else place
+            points = points.copy() if points is position else points
             moved = np.flatnonzero(follows != np.arange(stations))
-            place[t:, moved] = place[t:, follows[moved]]
+            points[t:, moved] = points[t:, follows[moved]]
             order[t:, moved] = order[t:, follows[moved]]
-            last[:, moved] = _last_seen(place[:, moved])
+            last[:, moved] = _last_seen(points[:, moved])
     rows, counts = np.unique(order, axis=0, return_counts=True)
     usual = rows[int(np.argmax(counts))]
     return np.asarray(order[:, np.argsort(usual)])
@@ -59,12 +61,12 @@ def exchanged(position: NDArray, time: NDArray, names: list[str]) -> dict[str, i
     """
     order = label_order(position, time)
     wrong = order != np.arange(len(names))
-    found: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for row in np.flatnonzero(wrong.any(axis=1)):
         for cycle in _cycles(order[row]):
             key = "-".join(names[i] for i in cycle)
-            found[key] = found.get(key, 0) + 1
-    return found
+            counts[key] = counts.get(key, 0) + 1
+    return counts
 
 
 def undo_swaps(recording: xr.Dataset) -> xr.Dataset:
@@ -90,9 +92,9 @@ def _repaired(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
     for name in ("position", "quaternion", "angle"):
         if name in recording:
             values = recording[name].values
-            at = order.reshape(*order.shape, *[1] * (values.ndim - 2))
-            gone = wrong.reshape(at.shape)
-            new = np.take_along_axis(values, at, axis=1) if undo else np.where(gone, np.nan, values)
+            index = order.reshape(*order.shape, *[1] * (values.ndim - 2))
+            gone = wrong.reshape(index.shape)
+            new = np.take_along_axis(values, index, axis=1) if undo else np.where(gone, np.nan, values)
             recording = recording.assign({name: recording[name].copy(data=new)})
     what = "exchanged labels are undone" if undo else "stations with exchanged labels are left out"
     return append_history(recording, f"{what}, frames: {listed or 'none'}")
@@ -100,8 +102,8 @@ def _repaired(recording: xr.Dataset, *, undo: bool) -> xr.Dataset:
 
 def _last_seen(position: NDArray) -> NDArray[np.intp]:
     """Return the last frame (T, S) before each frame in which a station was seen; -1 where there is none."""
-    seen = np.isfinite(position).all(2)
-    frame = np.where(seen, np.arange(len(position))[:, None], -1)
+    finite = np.isfinite(position).all(2)
+    frame = np.where(finite, np.arange(len(position))[:, None], -1)
     before = np.maximum.accumulate(frame, axis=0)
     return np.concatenate([np.full((1, position.shape[1]), -1), before[:-1]])
 
@@ -134,14 +136,14 @@ def _continuation(position: NDArray, last: NDArray[np.intp], time: NDArray, t: i
     recent[recent] &= time[t] - time[last[t][recent]] <= LONGEST_GAP_S
     points = np.flatnonzero(recent)
     labels = np.flatnonzero(recent & np.isfinite(position[t]).all(1))
-    expected, seen = _expected(position, last, time, t, points), position[t, labels]
-    if np.array_equal(points[cKDTree(expected).query(seen)[1]], labels):  # then no exchange is shorter
+    expected, measured = _expected(position, last, time, t, points), position[t, labels]
+    if np.array_equal(points[cKDTree(expected).query(measured)[1]], labels):  # then no exchange is shorter
         return None
-    away = np.linalg.norm(expected[:, None] - seen[None], axis=-1)
+    away = np.linalg.norm(expected[:, None] - measured[None], axis=-1)
     rows, columns = linear_sum_assignment(away)
-    own = np.searchsorted(points, labels[columns])
-    moved = rows != own
-    if not moved.any() or away[rows, columns][moved].sum() > SHORTER * away[own, columns][moved].sum():
+    own_row = np.searchsorted(points, labels[columns])
+    moved = rows != own_row
+    if not moved.any() or away[rows, columns][moved].sum() > SHORTER * away[own_row, columns][moved].sum():
         return None
     order = np.full(position.shape[1], -1)
     order[points[rows]] = labels[columns]
@@ -157,23 +159,82 @@ def _expected(
     position: NDArray, last: NDArray[np.intp], time: NDArray, t: int, which: NDArray[np.intp]
 ) -> NDArray:
     """Return the expected positions of the stations `which` at frame t, extrapolated from their last two sightings."""
-    one = last[t, which]
-    two = last[one, which]
-    place = position[one, which]
-    known = (two >= 0) & (time[one] - time[two] <= LONGEST_GAP_S)
-    ahead = (time[t] - time[one]) / np.where(known, time[one] - time[two], np.inf)
-    return place + ahead[:, None] * np.where(known[:, None], place - position[two, which], 0.0)
+    latest = last[t, which]
+    two = last[latest, which]
+    start = position[latest, which]
+    known = (two >= 0) & (time[latest] - time[two] <= LONGEST_GAP_S)
+    ahead = (time[t] - time[latest]) / np.where(known, time[latest] - time[two], np.inf)
+    return start + ahead[:, None] * np.where(known[:, None], start - position[two, which], 0.0)
 
 
 def _cycles(order: NDArray[np.intp]) -> list[list[int]]:
     """Return the groups of stations that exchange labels among themselves."""
-    left, found = {i for i, label in enumerate(order) if label != i}, []
+    left, cycles = {i for i, label in enumerate(order) if label != i}, []
     while left:
         start = min(left)
         cycle, label = [start], int(order[start])
         while label != start:
             cycle.append(label)
             label = int(order[label])
-        found.append(sorted(cycle))
+        cycles.append(sorted(cycle))
         left -= set(cycle)
-    return found
+    return cycles
+
+
+INSTANTS, MOST_FRAMES, MOST_STATIONS = 5, 400, 60  # that are drawn; a longer or denser recording is thinned
+
+
+def recording_svg(recording: xr.Dataset, title: str) -> str:
+    """Return an SVG drawing of the body at five instants, in the plane of its motion.
+
+    The instants run from the first frame to the largest displacement of the last station. The first station is at the
+    bottom, the line from it to the last station upright. Stations with faults are drawn as recorded.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        A recording; positions (T, S, 2 or 3), m.
+    title : str
+        Text for readers who cannot see the drawing.
+
+    Returns
+    -------
+    str
+        Empty where fewer than two frames show all stations, or there are fewer than two stations.
+    """
+    if "position" not in recording or min(recording.sizes["time"], recording.sizes["station"]) < 2:
+        return ""
+    frames = np.unique(np.linspace(0, recording.sizes["time"] - 1, MOST_FRAMES).astype(int))
+    stations = np.unique(np.linspace(0, recording.sizes["station"] - 1, MOST_STATIONS).astype(int))
+    position = recording["position"].values[frames][:, stations]
+    whole = np.flatnonzero(np.isfinite(position).all(axis=(1, 2)))
+    if whole.size < 2:
+        return ""
+    projected = on_plane(position - position[whole[0], 0], whole)
+    away = np.linalg.norm(projected[whole, -1] - projected[whole[0], -1], axis=1)
+    reached = [int(whole[np.argmax(away >= f * away.max())]) for f in np.linspace(0, 1, INSTANTS)]
+    return body_svg([*(("measured", projected[k]) for k in dict.fromkeys(reached)), ("path", projected[:, -1])], title)
+
+
+def on_plane(position: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Return the coordinates (T, S, 2) [m] of S stations over T frames in the plane of most motion: across and along
+    the line from the first to the last station.
+
+    `whole` holds the indices of frames that show all stations.
+    """
+    first = position[whole[0]]
+    up = first[-1] - first[0]
+    length = float(np.linalg.norm(up))
+    up = up / length if length > 0 else np.eye(position.shape[-1])[1]
+    moved = (position[whole] - first).reshape(-1, position.shape[-1])
+    across = moved - np.outer(moved @ up, up)
+    along = np.linalg.svd(across, full_matrices=False)[2][0]
+    along = along - (along @ up) * up
+    size = float(np.linalg.norm(along))
+    if size < 0.5:  # nothing moves across the line: any direction across it
+        along = np.eye(position.shape[-1])[int(np.argmin(np.abs(up)))]
+        along = along - (along @ up) * up
+        size = float(np.linalg.norm(along))
+    along = along / size
+    farthest = moved[np.argmax(np.linalg.norm(moved, axis=1))] @ along
+    return np.stack([position @ along * (1.0 if farthest >= 0 else -1.0), position @ up], axis=-1)

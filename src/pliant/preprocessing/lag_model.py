@@ -66,12 +66,12 @@ def body_course(recording: xr.Dataset) -> TimeSeries:
     else:
         columns = without_spikes(recording["angle"].values[..., None])[..., 0]
     columns = columns[:, np.isfinite(columns).sum(0) >= FEWEST]
-    course, seen = first_component(columns)
-    if np.ptp(course[seen]) == 0:
+    course, finite = first_component(columns)
+    if np.ptp(course[finite]) == 0:
         raise InputError("the motion is constant, so its clock cannot be compared with the pressure's: set clock to "
                          "the offset in seconds")
     time = recording["time"].values
-    return TimeSeries(time, np.interp(time, time[seen], course[seen])[:, None], seen.astype(float))
+    return TimeSeries(time, np.interp(time, time[finite], course[finite])[:, None], finite.astype(float))
 
 
 def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
@@ -81,17 +81,17 @@ def first_component(values: NDArray) -> tuple[NDArray, NDArray]:
     if values.shape[1] == 0:
         raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion: set clock to the offset in "
                          "seconds")
-    seen = np.isfinite(values).all(1)
-    if seen.sum() < max(FEWEST, 0.3 * len(values)):  # some columns are lost often: keep those that are seen most
+    finite = np.isfinite(values).all(1)
+    if finite.sum() < max(FEWEST, 0.3 * len(values)):  # some columns are lost often: keep those that are seen most
         often = np.isfinite(values).sum(0)
         values = values[:, often >= np.quantile(often, 0.5)]
-        seen = np.isfinite(values).all(1)
-    if seen.sum() < FEWEST:
+        finite = np.isfinite(values).all(1)
+    if finite.sum() < FEWEST:
         raise InputError(f"comparing clocks needs at least {FEWEST} samples of motion in which every station is "
                          "seen: fill gaps, or set clock to the offset in seconds")
-    centred = values - values[seen].mean(0)
-    weights = np.linalg.eigh(centred[seen].T @ centred[seen])[1][:, -1]
-    return centred @ weights, seen
+    centred = values - values[finite].mean(0)
+    weights = np.linalg.eigh(centred[finite].T @ centred[finite])[1][:, -1]
+    return centred @ weights, finite
 
 
 def pressure_course(recording: xr.Dataset) -> TimeSeries:
@@ -100,22 +100,22 @@ def pressure_course(recording: xr.Dataset) -> TimeSeries:
     by the range of all inputs of its unit.
     """
     inputs = inputs_on_one_clock(recording)
-    clock, values = inputs[0].time, np.stack([one.values for one in inputs], axis=1)
-    word = input_words([one.unit for one in inputs])[0]
-    seen = np.isfinite(values).all(1)
-    if seen.sum() < FEWEST:
+    clock, values = inputs[0].time, np.stack([channel.values for channel in inputs], axis=1)
+    word = input_words([channel.unit for channel in inputs])[0]
+    finite = np.isfinite(values).all(1)
+    if finite.sum() < FEWEST:
         raise InputError(f"comparing clocks needs at least {FEWEST} samples of {word}: set clock to the offset in "
                          "seconds")
-    values = np.stack([np.interp(clock, clock[seen], v[seen]) for v in values.T], axis=1)
+    values = np.stack([np.interp(clock, clock[finite], v[finite]) for v in values.T], axis=1)
     if not (np.ptp(values, axis=0) > 0).any():
         raise InputError(f"the {word} is constant, so its clock cannot be compared with the shape's: set clock to "
                          "the offset in seconds")
     moving = np.ptp(values, axis=0) > 0
-    values, units = values[:, moving], np.array([one.unit for one in inputs])[moving]
+    values, units = values[:, moving], np.array([channel.unit for channel in inputs])[moving]
     for unit in set(units):
-        own = units == unit
-        rest = np.clip(0.0, values[:, own].min(0), values[:, own].max(0))
-        values[:, own] = (values[:, own] - rest) / np.ptp(values[:, own])
+        same_unit = units == unit
+        rest = np.clip(0.0, values[:, same_unit].min(0), values[:, same_unit].max(0))
+        values[:, same_unit] = (values[:, same_unit] - rest) / np.ptp(values[:, same_unit])
     main, _ = first_component(values)
     return TimeSeries(clock, np.column_stack([main, values]), np.ones(len(clock)))
 
@@ -179,12 +179,12 @@ class LagFrame:
         clock = pressure.time
         self.guess, self.drift = guess, drift
         self.middle = float(clock.mean())
-        at = body.time - guess
-        self.inside = (at >= clock[0]) & (at <= clock[-1])
+        times = body.time - guess
+        self.inside = (times >= clock[0]) & (times <= clock[-1])
         blind = [(clock[0] - np.inf, clock[0] + 0.05), *holes(clock)]
-        settled = ~np.any([(at > a) & (at < b + SETTLE_S * (k > 0)) for k, (a, b) in enumerate(blind)], axis=0)
+        settled = ~np.any([(times > a) & (times < b + SETTLE_S * (k > 0)) for k, (a, b) in enumerate(blind)], axis=0)
         self.keep = self.inside & settled & (body.weight > 0)
-        self.at = at[self.keep]
+        self.at = times[self.keep]
         y = body.values[self.keep, 0]
         whole = body.values[body.weight > 0, 0]
         self.share = float(((y - y.mean()) ** 2).sum() / ((whole - whole.mean()) ** 2).sum()) if y.size else 0.0
@@ -215,9 +215,9 @@ class LagFrame:
                         zi=lfilter_zi(numerator, denominator)[:, None] * self.columns[:1])[0]  # fmt: skip
         share = self.step / CREEP_S
         slow = lfilter([share], [1.0, share - 1.0], moved, axis=0, zi=(1.0 - share) * moved[:1])[0]
-        at = self.at - x[0] - (x[3] * (self.at - self.middle) if self.drift else 0.0)
+        times = self.at - x[0] - (x[3] * (self.at - self.middle) if self.drift else 0.0)
         columns = np.concatenate([moved, slow], axis=1)
-        return np.stack([*(np.interp(at, self.grid, c) for c in columns.T), np.ones_like(at)], axis=1)
+        return np.stack([*(np.interp(times, self.grid, c) for c in columns.T), np.ones_like(times)], axis=1)
 
     def standard_errors(self, x: NDArray, residual: NDArray) -> NDArray:
         """Return the standard errors of the fitted parameters (offset, log frequency, log damping, drift), for

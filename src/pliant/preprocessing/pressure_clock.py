@@ -30,18 +30,18 @@ def pressure_clock(recording: xr.Dataset) -> dict[str, Any]:
     time = recording["pressure_time"].values
     if "time" in recording.coords and np.array_equal(time, recording["time"].values):
         return {}
-    found: dict[str, Any] = {"pressure_samples": len(time), "pressure_duration_s": float(time[-1] - time[0])}
+    facts: dict[str, Any] = {"pressure_samples": len(time), "pressure_duration_s": float(time[-1] - time[0])}
     if len(time) < 2:
-        return found
+        return facts
     step = np.diff(time)
     usual = float(np.median(step[step <= 1.5 * np.percentile(step, 25)]))  # not the median: many samples may be missing
     usual = float(step[(step > 0.5 * usual) & (step < 1.5 * usual)].mean())  # times may be rounded
-    found["pressure_rate_hz"] = 1.0 / usual
+    facts["pressure_rate_hz"] = 1.0 / usual
     if np.mean(np.abs(step / usual - np.rint(step / usual)) < NEAR) < REGULAR:
-        return found | {"pressure_steps_s": (float(step.min()), float(step.max()))}
+        return facts | {"pressure_steps_s": (float(step.min()), float(step.max()))}
     lost = np.rint(step / usual).astype(int) - 1
     gaps = np.flatnonzero(lost > 0)
-    return found | {
+    return facts | {
         "pressure_gaps": tuple((int(k) + 1, float(time[k]), float(step[k]), int(lost[k])) for k in gaps),
     }
 

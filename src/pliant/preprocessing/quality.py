@@ -14,8 +14,7 @@ from pliant.preprocessing.angles import angle_facts, angle_sentences
 from pliant.preprocessing.detectors import by_blocks
 from pliant.preprocessing.glitches import Glitch, glitch_sentences, input_glitches, leave_out_glitches
 from pliant.preprocessing.held import Span, frozen, frozen_sentences, frozen_spans, staircase_sentences, staircases
-from pliant.preprocessing.labels import exchanged
-from pliant.preprocessing.picture import recording_svg
+from pliant.preprocessing.labels import exchanged, recording_svg
 from pliant.preprocessing.plausibility import UNITS, Case, doubts
 from pliant.preprocessing.plausibility.shape import extent
 from pliant.preprocessing.pressure_clock import clock_overlap, clock_sentences, overlap_sentences, pressure_clock
@@ -159,11 +158,11 @@ class Quality(Shown):
             lines.append(f"pressure with its own times: {self.pressure_samples} samples{clock}")
         for travel, noises, unit, factor, what in ((self.travel_m, self.noise_m, "mm", 1e3, "displacement"),
                                                    (self.travel_deg, self.noise_deg, "degrees", 1.0, "rotation")):
-            seen = [v for v in travel.values() if np.isfinite(v)]
+            finite = [v for v in travel.values() if np.isfinite(v)]
             noise = [v for v in noises.values() if np.isfinite(v)]
-            if seen:
+            if finite:
                 noise_text = f", noise {factor * float(np.median(noise)):.2g} {unit} (median station)" if noise else ""
-                lines.append(f"largest {what} from the median {factor * max(seen):.3g} {unit}{noise_text}")
+                lines.append(f"largest {what} from the median {factor * max(finite):.3g} {unit}{noise_text}")
         if np.isfinite(self.out_of_plane_share):
             lines.append(f"out of the plane of bending: {100 * self.out_of_plane_share:.2g} % of the motion")
         for name, (low, high) in self.pressure_kpa.items():
@@ -213,23 +212,23 @@ def quality(recording: xr.Dataset) -> Quality:
     10.0
     """
     check_recording(recording)
-    found: dict[str, Any] = {}
+    facts: dict[str, Any] = {}
     if "time" in recording.coords:
-        found |= _clock(recording["time"].values)
+        facts |= _clock(recording["time"].values)
     if "position" in recording:
-        found |= _positions(recording)
+        facts |= _positions(recording)
     elif "angle" in recording:
-        found |= angle_facts(recording)
+        facts |= angle_facts(recording)
     if "strain" in recording:
         lost = np.isnan(recording["strain"].values).sum((0, 2))
-        found["missing"] = {str(c): int(n) for c, n in zip(recording["core"].values, lost, strict=True) if n}
+        facts["missing"] = {str(c): int(n) for c, n in zip(recording["core"].values, lost, strict=True) if n}
     if "pressure" in recording:
-        found |= pressure_clock(recording)
-    found |= {**_inputs(recording), "lost": known_losses(recording), "input_overlap": clock_overlap(recording)}
+        facts |= pressure_clock(recording)
+    facts |= {**_inputs(recording), "lost": known_losses(recording), "input_overlap": clock_overlap(recording)}
     if "time" not in recording.coords:
-        found |= {to: found[of] for to, of in OF_A_LOG.items() if of in found}
-    found["doubts"] = doubts(Case(recording, found.get("swapped", {})), "recording")
-    result = Quality(**found)
+        facts |= {to: facts[of] for to, of in OF_A_LOG.items() if of in facts}
+    facts["doubts"] = doubts(Case(recording, facts.get("swapped", {})), "recording")
+    result = Quality(**facts)
     first = [sentence for check, sentence in result.doubts.items() if check in UNITS]  # the rest may follow from it
     later = [sentence for check, sentence in result.doubts.items() if check not in UNITS]
     clock = clock_sentences(result.pressure_samples, result.pressure_gaps, result.pressure_steps_s)
@@ -254,13 +253,13 @@ def standing_stations(recording: xr.Dataset) -> tuple[str, ...]:
 
 
 def _clock(time: np.ndarray) -> dict[str, Any]:
-    found: dict[str, Any] = {"frames": len(time), "duration_s": float(time[-1] - time[0])}
+    facts: dict[str, Any] = {"frames": len(time), "duration_s": float(time[-1] - time[0])}
     if len(time) < 2:
-        return found
+        return facts
     step = np.diff(time)
     middle = float(np.median(step))
     wide = np.flatnonzero(step > GAP_RATIO * middle)
-    return found | {
+    return facts | {
         "rate_hz": 1.0 / usual_step(time),
         "irregular_steps": int((np.abs(step - middle) > max(IRREGULAR_SHARE * middle, _rounding(time))).sum()),
         "gaps": tuple((float(time[i]), float(step[i])) for i in wide),
@@ -285,7 +284,7 @@ def _positions(recording: xr.Dataset) -> dict[str, Any]:
     jumped = by_blocks(lambda part, least: detectors.jumps(part, clock, least), fresh, floor)
     whole = jumped.mean(1) > 0.5
     single = jumped & ~whole[:, None]
-    found = {
+    facts = {
         "stations": len(names), "repeated_frames": int(repeated.sum()),
         "missing": _counts(names, by_blocks(lambda part: np.isnan(part).any(2).sum(0), position)),
         "spikes": _counts(names, by_blocks(lambda part, least: detectors.spikes(part, least).sum(0), fresh, floor)),
@@ -296,17 +295,17 @@ def _positions(recording: xr.Dataset) -> dict[str, Any]:
         "frozen": frozen_spans(time, names, frozen(position, quaternion)),
     }  # fmt: skip
     if quaternion is not None:
-        found["sign_flips"] = _counts(names, detectors.sign_flips(quaternion))
-        found["orientation_jumps"] = _counts(names, detectors.orientation_jumps(quaternion))
+        facts["sign_flips"] = _counts(names, detectors.sign_flips(quaternion))
+        facts["orientation_jumps"] = _counts(names, detectors.orientation_jumps(quaternion))
         steady, _ = continuous(quaternion[~repeated])
-        found["orientation_spikes"] = _counts(names, by_blocks(lambda part: detectors.spikes(part).sum(0), steady))
+        facts["orientation_spikes"] = _counts(names, by_blocks(lambda part: detectors.spikes(part).sum(0), steady))
     if len(names) >= DENSE_STATIONS:
         pairs = [f"{a}-{b}" for a, b in pairwise(names)]
         frames = by_blocks(lambda part: detectors.stretched(part, STRETCH_SHARE).sum(0), fresh, overlap=1)
-        found["stretched"] = _counts(pairs, frames)
+        facts["stretched"] = _counts(pairs, frames)
     if position.shape[2] == 3 and by_blocks(lambda part: np.isfinite(part).all(2).sum(0), position).sum() > 3:
-        found["out_of_plane_share"] = detectors.out_of_plane_share(fresh)
-    return found
+        facts["out_of_plane_share"] = detectors.out_of_plane_share(fresh)
+    return facts
 
 
 def _counts(names: list[str], numbers: np.ndarray) -> dict[str, int]:
@@ -320,16 +319,16 @@ def _standing(names: list[str], deviation: np.ndarray, noise: np.ndarray) -> tup
 
 
 def _pressure_range(recording: xr.Dataset) -> dict[str, tuple[float, float]]:
-    seen = {one.name or "p": one.values[np.isfinite(one.values)] / 1e3
-            for one in recorded_inputs(recording) if one.kind == "pressure"}  # fmt: skip
-    return {n: (float(v.min()), float(v.max())) if v.size else (np.nan, np.nan) for n, v in seen.items()}
+    ranges = {channel.name or "p": channel.values[np.isfinite(channel.values)] / 1e3
+            for channel in recorded_inputs(recording) if channel.kind == "pressure"}  # fmt: skip
+    return {n: (float(v.min()), float(v.max())) if v.size else (np.nan, np.nan) for n, v in ranges.items()}
 
 
 SHOWN_IN = {"tension": (1.0, "N"), "displacement": (1e3, "mm"), "angle": (float(np.rad2deg(1.0)), "degrees")}
 
 
 def _units_shown(recording: xr.Dataset) -> dict[str, tuple[float, str]]:
-    return {one.name or "p": SHOWN_IN.get(one.kind, (1e-3, "kPa")) for one in recorded_inputs(recording)}
+    return {channel.name or "p": SHOWN_IN.get(channel.kind, (1e-3, "kPa")) for channel in recorded_inputs(recording)}
 
 
 def _inputs(recording: xr.Dataset) -> dict[str, Any]:
@@ -340,20 +339,20 @@ def _inputs(recording: xr.Dataset) -> dict[str, Any]:
 
 
 def _input_range(recording: xr.Dataset) -> dict[str, tuple[float, float, str]]:
-    found = {}
-    for one in (i for i in recorded_inputs(recording) if i.kind in SHOWN_IN):
-        factor, unit = SHOWN_IN[one.kind]
-        seen = factor * one.values[np.isfinite(one.values)]
-        found[one.name] = (float(seen.min(initial=np.inf)), float(seen.max(initial=-np.inf)), unit)
-    return found
+    facts = {}
+    for channel in (i for i in recorded_inputs(recording) if i.kind in SHOWN_IN):
+        factor, unit = SHOWN_IN[channel.kind]
+        finite = factor * channel.values[np.isfinite(channel.values)]
+        facts[channel.name] = (float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf)), unit)
+    return facts
 
 
 def _listed(counts: dict[str, int]) -> str:
     if len(counts) > 6 and len(set(counts.values())) == 1:
         return f"{next(iter(counts.values()))} in each of {len(counts)} stations"
-    shown = sorted(counts.items(), key=lambda item: -item[1])[:6]
+    most_frequent = sorted(counts.items(), key=lambda item: -item[1])[:6]
     more = f" and {len(counts) - 6} more" if len(counts) > 6 else ""
-    return ", ".join(f"{name} {count}" for name, count in shown) + more
+    return ", ".join(f"{name} {count}" for name, count in most_frequent) + more
 
 
 def _sentences(q: Quality) -> list[str]:

@@ -101,11 +101,11 @@ def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:
     quaternion = recording["quaternion"].values.copy()
     changed = {}
     for s, name in enumerate(recording["station"].values):
-        seen = np.flatnonzero(np.isfinite(quaternion[:, s]).all(1))
-        matrix, count = _continued(to_matrix(quaternion[seen, s]), str(name))
+        known = np.flatnonzero(np.isfinite(quaternion[:, s]).all(1))
+        matrix, count = _continued(to_matrix(quaternion[known, s]), str(name))
         if count:
             changed[str(name)] = count
-            quaternion[seen, s] = from_matrix(matrix)
+            quaternion[known, s] = from_matrix(matrix)
     quaternion, _ = continuous(quaternion)
     frames = ", ".join(f"{name} {count}" for name, count in changed.items()) or "none"
     line = f"undid jumps of orientation by the symmetry of the markers, frames rotated back: {frames}"
@@ -115,37 +115,37 @@ def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:
 def _continued(matrix: NDArray, name: str) -> tuple[NDArray, int]:
     """Return rotations (T, 3, 3) without jumps, and the number of frames that were rotated back."""
     step = np.swapaxes(matrix[:-1], -1, -2) @ matrix[1:]
-    places = np.flatnonzero(rotation_angle(step) > detectors.ORIENTATION_JUMP)
-    if places.size == 0:
+    jumps = np.flatnonzero(rotation_angle(step) > detectors.ORIENTATION_JUMP)
+    if jumps.size == 0:
         return matrix, 0
-    turns = [np.eye(3), *_symmetries(step[places])]
+    turns = [np.eye(3), *_symmetries(step[jumps])]
     result = matrix.copy()
     state = np.zeros(len(matrix), dtype=int)
-    for place, end in zip(places + 1, [*(places[1:] + 1), len(matrix)], strict=True):
-        options = [matrix[place] @ turn.T for turn in turns]
-        away = [float(rotation_angle(result[place - 1].T @ option)) for option in options]
+    for begin, end in zip(jumps + 1, [*(jumps[1:] + 1), len(matrix)], strict=True):
+        options = [matrix[begin] @ turn.T for turn in turns]
+        away = [float(rotation_angle(result[begin - 1].T @ option)) for option in options]
         best = int(np.argmin(away))
         if away[best] > detectors.ORIENTATION_JUMP:
             raise InputError(
-                f"the orientation of {name} jumps by {np.rad2deg(min(away)):.0f} degrees at frame {place}, which "
+                f"the orientation of {name} jumps by {np.rad2deg(min(away)):.0f} degrees at frame {begin}, which "
                 "no symmetry of its markers explains: leave its orientation out"
             )
-        state[place:end] = best
-        result[place:end] = matrix[place:end] @ turns[best].T
+        state[begin:end] = best
+        result[begin:end] = matrix[begin:end] @ turns[best].T
     most = int(np.argmax(np.bincount(state)))
     return result @ turns[most], int((state != most).sum())
 
 
 def _symmetries(jumps: NDArray) -> list[NDArray]:
     """Return the distinct rotations among the jumps and their inverses, each the mean of its group."""
-    found: list[NDArray] = []
+    symmetries: list[NDArray] = []
     for jump in (*jumps, *np.swapaxes(jumps, -1, -2)):
-        near = [g for g in found if rotation_angle(g.T @ jump) < SAME_SYMMETRY]
+        near = [g for g in symmetries if rotation_angle(g.T @ jump) < SAME_SYMMETRY]
         if not near:
             group = np.concatenate([jumps, np.swapaxes(jumps, -1, -2)])
             group = group[rotation_angle(jump.T @ group) < SAME_SYMMETRY]
-            found.append(mean_rotation(group))
-    return found
+            symmetries.append(mean_rotation(group))
+    return symmetries
 
 
 def rotation_angle(matrix: NDArray) -> NDArray:

@@ -129,11 +129,11 @@ def resample_arc_length(
                          "a smaller spacing_mm")
     new = np.arange(int(np.floor(arc[-1] / (spacing_mm * 1e-3) + 1e-9)) + 1) * spacing_mm * 1e-3
     gap = GAP_RATIO * float(np.diff(arc).max()) if longest_gap_mm is None else longest_gap_mm * 1e-3
-    place = _along(arc, position, new, gap)
+    resampled = _along(arc, position, new, gap)
     names = [f"s{i:03d}" for i in range(len(new))]
-    result = _with(recording.drop_dims("station"), recording, {"position": place}, station=names, arc_length=new)
+    result = _with(recording.drop_dims("station"), recording, {"position": resampled}, station=names, arc_length=new)
     refuse_loss(recording, result, "resample_arc_length", ("quaternion", "angle", "strain"))
-    empty = int(np.isnan(place).any(-1).sum())
+    empty = int(np.isnan(resampled).any(-1).sum())
     line = (f"resampled from {len(arc)} to {len(new)} stations every {spacing_mm:g} mm ({findings[0]}), "
             f"{1e3 * (arc[-1] - new[-1]):.3g} mm left over at the tip, {empty} points missing")  # fmt: skip
     return append_history(result, line)
@@ -148,15 +148,15 @@ def in_time(old: NDArray, values: NDArray, new: NDArray, longest: float) -> NDAr
     flat = values.reshape(*values.shape[:2], -1)
     result = np.full((len(new), *flat.shape[1:]), np.nan)
     for s in range(flat.shape[1]):
-        seen = np.isfinite(flat[:, s]).all(-1)
-        if not seen.any():
+        finite = np.isfinite(flat[:, s]).all(-1)
+        if not finite.any():
             continue
-        known = old[seen]
+        known = old[finite]
         right = np.clip(np.searchsorted(known, new, side="left"), 0, len(known) - 1)
         left = np.clip(np.searchsorted(known, new, side="right") - 1, 0, len(known) - 1)
         good = (new >= known[0]) & (new <= known[-1]) & (known[right] - known[left] <= longest)
         for axis in range(flat.shape[2]):
-            result[good, s, axis] = np.interp(new[good], known, flat[seen, s, axis])
+            result[good, s, axis] = np.interp(new[good], known, flat[finite, s, axis])
     return result.reshape(len(new), *values.shape[1:])
 
 
@@ -168,12 +168,12 @@ def _along(arc: NDArray, position: NDArray, new: NDArray, gap: float) -> NDArray
     from scipy.interpolate import CubicSpline
 
     result = np.full((len(position), len(new), position.shape[2]), np.nan)
-    seen = np.isfinite(position).all(2)
-    patterns = seen[:1] if seen.all() else np.unique(seen, axis=0)
+    finite = np.isfinite(position).all(2)
+    patterns = finite[:1] if finite.all() else np.unique(finite, axis=0)
     for pattern in patterns:
         if pattern.sum() < LEAST_STATIONS:
             continue
-        rows, known = np.flatnonzero((seen == pattern).all(1)), arc[pattern]
+        rows, known = np.flatnonzero((finite == pattern).all(1)), arc[pattern]
         right, left = np.searchsorted(known, new - TOUCH), np.searchsorted(known, new + TOUCH) - 1
         inside = np.flatnonzero((left >= 0) & (right < known.size))
         good = inside[known[right[inside]] - known[left[inside]] <= gap]

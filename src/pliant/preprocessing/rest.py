@@ -75,9 +75,9 @@ def before_inputs(recording: xr.Dataset) -> tuple[float, float] | None:
     inputs, or with fewer than three such frames.
     """
     inputs, starts = recorded_inputs(recording), []
-    for one in inputs:
-        moved = np.abs(one.values - np.nanmedian(one.values[:5])) > INPUT_SHARE * np.ptp(one.values)
-        starts += [one.time[int(np.argmax(moved))]] if moved.any() else []
+    for channel in inputs:
+        moved = np.abs(channel.values - np.nanmedian(channel.values[:5])) > INPUT_SHARE * np.ptp(channel.values)
+        starts += [channel.time[int(np.argmax(moved))]] if moved.any() else []
     if not inputs:
         return None
     time = recording["time"].values
@@ -109,16 +109,16 @@ def still_within(position: NDArray, time: NDArray, window: tuple[float, float]) 
 
 def _away(position: NDArray) -> NDArray:
     """Return the distance (T, S) [m] of each station from its median position; 0 where it was not seen."""
-    seen = np.isfinite(position).all(axis=2)
-    place = np.array([np.median(p[s], axis=0) if s.any() else np.zeros(p.shape[1])
-                      for p, s in zip(np.swapaxes(position, 0, 1), seen.T, strict=True)])
-    return np.where(seen, np.linalg.norm(position - place, axis=-1), 0.0)
+    finite = np.isfinite(position).all(axis=2)
+    centres = np.array([np.median(p[s], axis=0) if s.any() else np.zeros(p.shape[1])
+                      for p, s in zip(np.swapaxes(position, 0, 1), finite.T, strict=True)])
+    return np.where(finite, np.linalg.norm(position - centres, axis=-1), 0.0)
 
 
 def _precedes_motion(position: NDArray, run: tuple[int, int]) -> bool:
     """Return whether no station was far from its position in the run at any earlier time."""
-    place = detectors.mean_place(position[run[0] : run[1] + 1])
-    away, whole = (_farthest(part, place) for part in (position[: run[0]], position))
+    centre = detectors.mean_place(position[run[0] : run[1] + 1])
+    away, whole = (_farthest(part, centre) for part in (position[: run[0]], position))
     return bool(away <= EARLY_SHARE * whole)
 
 
@@ -133,21 +133,21 @@ def _still(position: NDArray, time: NDArray) -> NDArray:
     rate = (len(time) - 1) / max(time[-1] - time[0], 1e-12)
     reach = max(1, round(HALF_WINDOW_S * rate))
     width = detectors.by_blocks(lambda part: _width(part, reach), position)
-    seen = detectors.by_blocks(lambda part: np.isfinite(part).all(2), position)
+    finite = detectors.by_blocks(lambda part: np.isfinite(part).all(2), position)
     repeated = detectors.repeated_frames(position)
     fresh = position[~repeated] if repeated.any() else position
     travel = np.nan_to_num(detectors.by_blocks(detectors.travel, fresh))
     noise = np.nan_to_num(detectors.by_blocks(detectors.noise_level, fresh))
     limit = np.fmax(STILL_SHARE * travel.max(initial=0.0), 20.0 * noise)
-    return (width <= limit).all(1) & seen.any(1)
+    return (width <= limit).all(1) & finite.any(1)
 
 
 def _width(position: NDArray, reach: int) -> NDArray:
     """Return the diagonal (T, S) [m] of the box in which a station stays for `reach` frames on both sides."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-    seen = np.isfinite(position)
-    high = maximum_filter1d(np.where(seen, position, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
-    low = minimum_filter1d(np.where(seen, position, np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    finite = np.isfinite(position)
+    high = maximum_filter1d(np.where(finite, position, -np.inf), 2 * reach + 1, axis=0, mode="nearest")
+    low = minimum_filter1d(np.where(finite, position, np.inf), 2 * reach + 1, axis=0, mode="nearest")
     with np.errstate(invalid="ignore"):
         return np.linalg.norm(np.where(high >= low, high - low, 0.0), axis=-1)

@@ -76,9 +76,9 @@ def mean_rotation(matrix: NDArray) -> NDArray:
     """Return the rotation matrix (..., 3, 3) closest to the mean of rotation matrices (T, ..., 3, 3) over T frames.
     Frames with NaN are left out.
     """
-    seen = np.isfinite(matrix)
-    count = seen.sum(0)
-    mean = np.where(seen, matrix, 0.0).sum(0) / np.maximum(count, 1)
+    finite = np.isfinite(matrix)
+    count = finite.sum(0)
+    mean = np.where(finite, matrix, 0.0).sum(0) / np.maximum(count, 1)
     u, _, vt = np.linalg.svd(mean)
     sign = np.linalg.det(u @ vt)
     u[..., :, -1] *= sign[..., None]

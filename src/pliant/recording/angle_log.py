@@ -69,15 +69,15 @@ def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     first = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
     delimiter = find_delimiter(lines[first], path.name)
     names = split_cells(lines[first], delimiter)
-    found = roles(names)
-    angles = {n: c for n, c in found.items() if c[0] == "angle"}
-    clocks, pressures = ([n for n, c in found.items() if c[0] == role] for role in ("time", "pressure"))
+    columns = roles(names)
+    angles = {n: c for n, c in columns.items() if c[0] == "angle"}
+    clocks, pressures = ([n for n, c in columns.items() if c[0] == role] for role in ("time", "pressure"))
     if len(clocks) != 1 or not angles or len(pressures) > 1:
         raise InputError(
             f"{path.name} is not a log of angle and pressure: its first row must name one time, angles and at most one "
             f"pressure, but it is {', '.join(names[:8])[:200]}"
         )
-    units = {role: unit_of(role, found, getattr(options, f"{role}_unit"), path.name) for role in UNITS
+    units = {role: unit_of(role, columns, getattr(options, f"{role}_unit"), path.name) for role in UNITS
              if role != "pressure" or pressures}  # fmt: skip
     stations = station_names(list(angles))
     table: dict[str, Any] = {
@@ -89,7 +89,7 @@ def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
         table["pressure"] = {"columns": pressures, "unit": units["pressure"]}
     recording = read_columns(path, table)
     step = float(np.median(np.diff(recording["time"].values))) if recording.sizes["time"] > 1 else 0.0
-    if step > SLOWEST and not (options.time_unit or found[clocks[0]][1]):
+    if step > SLOWEST and not (options.time_unit or columns[clocks[0]][1]):
         raise InputError(f"{path.name}: the times are {step:.4g} apart, too long for seconds: set time_unit in its "
                          "mapping to 's', 'ms' or 'us'")  # fmt: skip
     return recording
@@ -99,14 +99,14 @@ def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:
     """Return, for each column whose name is recognised, its role (time, angle or pressure) and its unit ("" where the
     name states none).
     """
-    found: dict[str, tuple[Role, str]] = {}
+    recognised: dict[str, tuple[Role, str]] = {}
     for name in names:
         bare, unit = parted(name)
         for role, pattern in NAMES.items():
             if pattern.fullmatch(bare) and (not unit or unit in UNITS[role]):
-                found[name] = (role, unit or ("ms" if bare == "millis" else ""))
+                recognised[name] = (role, unit or ("ms" if bare == "millis" else ""))
                 break
-    return found
+    return recognised
 
 
 def unit_of(role: Role, found: Mapping[str, tuple[Role, str]], stated: str | None, file: str) -> str:

@@ -52,16 +52,16 @@ def cloud(m: Any) -> list[list[float]]:
     """Return the points of a ROS 2 PointCloud2 message as rows of seven numbers: x, y, z and four NaN for the missing
     quaternion.
     """
-    places = {f.name: (f.offset, FLOATS.get(f.datatype)) for f in m.fields}
-    if not {"x", "y", "z"} <= set(places) or None in {places[a][1] for a in "xyz"}:
+    layout = {f.name: (f.offset, FLOATS.get(f.datatype)) for f in m.fields}
+    if not {"x", "y", "z"} <= set(layout) or None in {layout[a][1] for a in "xyz"}:
         raise Refused("a PointCloud2 message has no x, y and z as floating-point numbers")
     order, size = ">" if m.is_bigendian else "<", m.width * m.point_step
-    beyond = any(at + bytes_of > m.point_step for at, bytes_of in (places[a] for a in "xyz"))
+    beyond = any(offset + bytes_of > m.point_step for offset, bytes_of in (layout[a] for a in "xyz"))
     if m.data.size < m.height * m.row_step or m.row_step < size or beyond:
         raise Refused("a PointCloud2 message has fewer bytes than its points need")
     rows = m.data[: m.height * m.row_step].reshape(m.height, m.row_step)[:, :size].reshape(-1, m.point_step)
-    columns = [np.ascontiguousarray(rows[:, at : at + bytes_of]).view(f"{order}f{bytes_of}")[:, 0]
-               for at, bytes_of in (places[a] for a in "xyz")]  # fmt: skip
+    columns = [np.ascontiguousarray(rows[:, offset : offset + bytes_of]).view(f"{order}f{bytes_of}")[:, 0]
+               for offset, bytes_of in (layout[a] for a in "xyz")]  # fmt: skip
     return [[x, y, z, *[float("nan")] * 4] for x, y, z in zip(*(c.tolist() for c in columns), strict=True)]
 
 
@@ -104,10 +104,10 @@ def defined_as_in_ros(connection: Any) -> bool:
     if definition.format == MessageDefinitionFormat.NONE:
         return True
     try:
-        found = get_types_from_msg(definition.data, name)
+        definitions = get_types_from_msg(definition.data, name)
     except TypesysError:
         return False
-    return bool(found) and all(fields == STORE.fielddefs.get(kind) for kind, fields in found.items())
+    return bool(definitions) and all(fields == STORE.fielddefs.get(kind) for kind, fields in definitions.items())
 
 
 class Messages:

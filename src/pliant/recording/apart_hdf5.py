@@ -61,7 +61,7 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
     """Yield the path and the h5py object of each group and data set of an HDF5 file. Soft and external links raise
     `Refused`.
     """
-    seen: set[int] = set()
+    addresses: set[int] = set()
     waiting = [("", file)]
     while waiting:
         name, item = waiting.pop()
@@ -70,10 +70,10 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
                 yield name, item
             continue
         address = int(h5py.h5o.get_info(item.id).addr)
-        if address in seen or name.count("/") >= DEEPEST:
+        if address in addresses or name.count("/") >= DEEPEST:
             raise Refused(f"group {name!r} contains itself, has two names, or is nested too deeply: copy its data "
                           "sets into a new file")
-        seen.add(address)
+        addresses.add(address)
         yield name, item
         for key in item:
             if key.startswith(SKIPPED):

@@ -93,10 +93,10 @@ def recording_from_arrays(
     options = ArrayMapping.load(mapping, file)
     if isinstance(options.position, dict):
         arrays, options = _by_station(arrays, options, options.position, file)
-    found = {role: _find(arrays, role, getattr(options, role), file) for role in USUAL_NAMES}
+    by_role = {role: _find(arrays, role, getattr(options, role), file) for role in USUAL_NAMES}
     pressure_name, pressure = _pressure(arrays, options, file)
     scale = metre_per(options.length_unit)
-    position = found["position"]
+    position = by_role["position"]
     history = _unused(arrays, options, pressure_name, others, file)
     level = None
     if options.trial is not None:
@@ -107,20 +107,20 @@ def recording_from_arrays(
             position = np.concatenate([position, np.zeros((*position.shape[:2], 1))], -1)
             history.append("stations with two coordinates got z = 0")
     inputs = _inputs(arrays, options, file)
-    if position is None and found["strain"] is None and pressure is None and not inputs:
+    if position is None and by_role["strain"] is None and pressure is None and not inputs:
         raise InputError(f"{file} holds no position, strain or pressure under a usual name: name them in the "
                          f"mapping. Its arrays are: {_listing(arrays)}")
-    rated = options if found["time"] is not None else _with_rate(options, arrays)
-    time, log_time = _clock(found, position, rated, file), found["pressure_time"]
-    shapeless = position is None and found["strain"] is None
+    rated = options if by_role["time"] is not None else _with_rate(options, arrays)
+    time, log_time = _clock(by_role, position, rated, file), by_role["pressure_time"]
+    shapeless = position is None and by_role["strain"] is None
     with inside(file):
         return make_recording(
-            None if shapeless else time, position, quaternion=found["quaternion"],
+            None if shapeless else time, position, quaternion=by_role["quaternion"],
             station=options.station if position is not None else None,
             pressure=pressure, pressure_time=time if log_time is None else np.ravel(log_time),
             input_time=time if log_time is None else np.ravel(log_time), **inputs,
-            strain=found["strain"], gauge_position=_scaled(found["gauge_position"], scale), nominal_pressure=level,
-            arc_length=_scaled(found["arc_length"], scale), history=history,
+            strain=by_role["strain"], gauge_position=_scaled(by_role["gauge_position"], scale), nominal_pressure=level,
+            arc_length=_scaled(by_role["arc_length"], scale), history=history,
         )  # fmt: skip
 
 
@@ -147,7 +147,7 @@ def _by_station(
     """
     parts = []
     for name, listed in stations.items():
-        columns = [_find(arrays, f"station {name}", one, file) for one in ([listed] if isinstance(listed, str) else
+        columns = [_find(arrays, f"station {name}", key, file) for key in ([listed] if isinstance(listed, str) else
                                                                           listed)]  # fmt: skip
         part = np.column_stack([np.squeeze(column) for column in columns if column is not None])
         parts.append(part.T if part.shape[0] in (2, 3) < part.shape[1] else part)
@@ -155,7 +155,7 @@ def _by_station(
         shapes = ", ".join(f"{name} {part.shape}" for name, part in zip(stations, parts, strict=True))
         raise InputError(f"{file}: the positions of the stations must have equal lengths and 2 or 3 coordinates, but "
                          f"are {shapes}: correct position in the mapping")
-    used = {one for listed in stations.values() for one in ([listed] if isinstance(listed, str) else listed)}
+    used = {key for listed in stations.values() for key in ([listed] if isinstance(listed, str) else listed)}
     rest = {name: array for name, array in arrays.items() if name not in used}
     update = {"position": POSITIONS, "station": list(stations), "order": "tsa"}
     return rest | {POSITIONS: np.stack(parts, axis=1)}, options.model_copy(update=update)
@@ -191,8 +191,8 @@ def _one_trial(
     if len(pressure) != len(position):
         raise InputError(f"{file} has {len(position)} trials, but its pressure has {len(pressure)} rows: store one "
                          "value or row of pressure per trial")
-    own = pressure[trial]
-    return (position[trial], None, float(own)) if own.ndim == 0 else (position[trial], own, None)
+    row = pressure[trial]
+    return (position[trial], None, float(row)) if row.ndim == 0 else (position[trial], row, None)
 
 
 def _unused(

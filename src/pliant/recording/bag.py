@@ -262,10 +262,10 @@ def frames_of(
         if topic.rows.shape[2] != 7:
             raise InputError(f"topic of station {clipped(name)} of {file} holds numbers, not positions: choose a "
                              "topic of poses or points")
-        own = 1e-9 * (topic.stamps - origin)
-        order = np.argsort(own, kind="stable")
-        nearest = order[nearest_in(own[order], time)]
-        near = np.abs(own[nearest] - time) <= reach
+        stamp_s = 1e-9 * (topic.stamps - origin)
+        order = np.argsort(stamp_s, kind="stable")
+        nearest = order[nearest_in(stamp_s[order], time)]
+        near = np.abs(stamp_s[nearest] - time) <= reach
         columns.append(np.where(near[:, None, None], topic.rows[nearest], np.nan))
         findings += [f"{int((~near).sum())} frame(s) have no message of {name} and are gaps"] if not near.all() else []
         count = topic.rows.shape[1]
@@ -301,11 +301,11 @@ def pressures_of(
         if topic.kind != FLUID and unit is None:
             raise InputError(f"topic of chamber {clipped(name)} of {file} holds plain numbers: set pressure_unit in "
                              "its mapping")
-        own = 1e-9 * (topic.stamps - origin)
-        keep, _ = without_repeats(own, file)
-        clock = own[keep] if clock is None else clock
+        stamp_s = 1e-9 * (topic.stamps - origin)
+        keep, _ = without_repeats(stamp_s, file)
+        clock = stamp_s[keep] if clock is None else clock
         scale = 1.0 if topic.kind == FLUID else pascal_per(str(unit))
-        values.append(np.interp(clock, own[keep], scale * topic.rows[keep, 0, 0]))
+        values.append(np.interp(clock, stamp_s[keep], scale * topic.rows[keep, 0, 0]))
     chamber = list(pressures) if len(pressures) > 1 else None
     return {"pressure_time": clock, "pressure": np.stack(values, axis=1), "chamber": chamber}
 

@@ -143,9 +143,9 @@ def _without_transform(
     rows: Mapping[str, tuple[str, NDArray[np.float64]]], frame: str, target: str, tree: FrameTree
 ) -> str:
     groups: dict[str, list[str]] = {}
-    for name, (own, _) in rows.items():
-        groups.setdefault(own, []).append(clipped(name, 40))
-    listing = "; ".join(f"{', '.join(names[:6])} in {shown(own)}" for own, names in groups.items())
+    for name, (frame_name, _) in rows.items():
+        groups.setdefault(frame_name, []).append(clipped(name, 40))
+    listing = "; ".join(f"{', '.join(names[:6])} in {shown(frame_name)}" for frame_name, names in groups.items())
     moving = any(frame in edge for edge in tree.moving)
     why = "the transform in the bag changes in time" if moving else "the bag has no transform"
     table = clipped(frame, 60) or '""'

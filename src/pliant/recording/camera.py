@@ -117,8 +117,8 @@ class Camera(FileMapping):
         flat = self.straightened(np.asarray(pixels, dtype=float).reshape(-1, 2))
         homography = self.homography(folder)
         mapped = np.column_stack([flat, np.ones(len(flat))]) @ homography.T
-        place = 1e-3 * mapped[:, :2] / mapped[:, 2:]
-        turned = np.stack([{"+": 1.0, "-": -1.0}[a[0]] * place[:, "xy".index(a[1])] for a in self.axes], axis=1)
+        point = 1e-3 * mapped[:, :2] / mapped[:, 2:]
+        turned = np.stack([{"+": 1.0, "-": -1.0}[a[0]] * point[:, "xy".index(a[1])] for a in self.axes], axis=1)
         return turned.reshape(np.shape(pixels))
 
     def homography(self, folder: Path) -> Array:
@@ -128,8 +128,8 @@ class Camera(FileMapping):
         if self.plane is not None:
             return projective(self.straightened(np.array(self.plane.pixels)), np.array(self.plane.mm))
         if self.board is not None:
-            corners, places = board_points(self.board, folder)
-            return projective(self.straightened(corners), places)
+            corners, board_positions = board_points(self.board, folder)
+            return projective(self.straightened(corners), board_positions)
         scale = self.pixels_per_mm
         if self.scale is not None:
             ends = self.straightened(np.array(self.scale.points))
@@ -145,14 +145,14 @@ class Camera(FileMapping):
         cv2 = opencv("lens distortion")
         matrix = np.array([[self.lens.focal[0], 0, self.lens.centre[0]], [0, self.lens.focal[1], self.lens.centre[1]],
                            [0, 0, 1.0]])  # fmt: skip
-        seen = np.isfinite(pixels).all(axis=1)
+        finite = np.isfinite(pixels).all(axis=1)
         out = np.full_like(pixels, np.nan)
-        if seen.any():
+        if finite.any():
             stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
-            out[seen] = cv2.undistortPoints(
-                pixels[seen][:, None], matrix, np.array(self.lens.coefficients), R=np.eye(3), P=matrix, criteria=stop
+            out[finite] = cv2.undistortPoints(
+                pixels[finite][:, None], matrix, np.array(self.lens.coefficients), R=np.eye(3), P=matrix, criteria=stop
             )[:, 0]
-            if not np.isfinite(out[seen]).all():
+            if not np.isfinite(out[finite]).all():
                 raise InputError("camera.lens maps points of the picture to infinity: check focal, centre and "
                                  "coefficients")
         return out
@@ -172,9 +172,9 @@ def in_plane(position: Array, camera: Camera, folder: Path) -> tuple[Array, str]
     Pixels that a tracker writes for a lost point, such as 0, 0, become NaN and are counted in that line.
     """
     lost = lost_frames(position[..., :2])
-    place = with_z(camera.metres(np.where(lost[..., None], np.nan, position[..., :2]), folder))
+    placed = with_z(camera.metres(np.where(lost[..., None], np.nan, position[..., :2]), folder))
     note = f"; {int(lost.sum())} point(s) at the pixel that stands for a lost one are gaps" if lost.any() else ""
-    return place, camera.description(folder) + note
+    return placed, camera.description(folder) + note
 
 
 def with_z(place: Array) -> Array:
@@ -230,17 +230,17 @@ def fitted_homography(pixels: Array, places: Array) -> Array:
 
     before, after = normal(pixels), normal(places)
     p, q = ((np.column_stack([x, np.ones(len(x))]) @ t.T)[:, :2] for x, t in ((pixels, before), (places, after)))
-    one, zero = np.ones(len(p)), np.zeros(len(p))
+    ones, zero = np.ones(len(p)), np.zeros(len(p))
     rows = np.concatenate([
-        np.column_stack([p, one, zero, zero, zero, -q[:, :1] * p, -q[:, 0]]),
-        np.column_stack([zero, zero, zero, p, one, -q[:, 1:] * p, -q[:, 1]]),
+        np.column_stack([p, ones, zero, zero, zero, -q[:, :1] * p, -q[:, 0]]),
+        np.column_stack([zero, zero, zero, p, ones, -q[:, 1:] * p, -q[:, 1]]),
     ])
     size, vectors = np.linalg.svd(rows)[1:]
     if size[7] < 1e-6 * size[0]:
         raise InputError("the points of camera.plane do not determine the plane: choose four of which no three lie "
                          "on a line")
     matrix = np.linalg.inv(after) @ vectors[-1].reshape(3, 3) @ before
-    mapped = np.column_stack([pixels, one]) @ matrix.T
+    mapped = np.column_stack([pixels, ones]) @ matrix.T
     error = float(np.abs(mapped[:, :2] / mapped[:, 2:] - places).max())
     if not np.isfinite(error):
         raise np.linalg.LinAlgError
@@ -260,8 +260,8 @@ def board_points(board: Board, folder: Path) -> tuple[Array, Array]:
         raise InputError(f"the picture of the board, {path}, does not exist or is not a picture: correct picture in "
                          "camera.board")
     if board.kind == "chessboard":
-        found, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows))
-        if not found:
+        complete, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows))
+        if not complete:
             raise InputError(f"{path.name} shows no chessboard of {board.columns} x {board.rows} inner corners: "
                              "check camera.board")
         row, column = np.divmod(np.arange(board.columns * board.rows), board.columns)
@@ -271,8 +271,8 @@ def board_points(board: Board, folder: Path) -> tuple[Array, Array]:
         return corners, board.side_mm * np.column_stack([column, -row]).astype(float)
     names = ("4X4_250", "5X5_250", "6X6_250", "ARUCO_ORIGINAL") if board.kind == "aruco" else ("APRILTAG_36h11",)
     for finder in marker_finders(cv2, *names):
-        seen = finder.detectMarkers(picture)[0]
-        if len(seen) == 1:
-            corners = np.asarray(seen[0], dtype=float).reshape(4, 2)
+        markers = finder.detectMarkers(picture)[0]
+        if len(markers) == 1:
+            corners = np.asarray(markers[0], dtype=float).reshape(4, 2)
             return corners, board.side_mm * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, -1.0], [0.0, -1.0]])
     raise InputError(f"{path.name} must show exactly one {board.kind} marker: check camera.board")

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
+from pydantic import Field, field_validator, model_validator
 
 from pliant.errors import InputError, clipped
 from pliant.recording.arrays import INPUT_SI
-from pliant.recording.mapping import shorten
+from pliant.recording.camera import Camera
+from pliant.recording.mapping import FileMapping, shorten
 from pliant.units import metre_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
@@ -17,8 +19,192 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from pliant.recording.column_mapping import Column, ColumnMapping, EulerColumns, PressureColumns, StationColumns
+Column = int | str
 
+
+class EulerColumns(FileMapping):
+    """Columns of the three Euler angles of a station, in the order of the rotations, with their unit.
+
+    `order` names the axes: lower case, such as "xyz", for rotations about fixed axes, upper case, such as "ZYX" (yaw,
+    pitch, roll), for rotations about the body's own axes.
+    """
+
+    columns: list[Column] = Field(min_length=3, max_length=3)
+    order: str = Field(pattern="^([xyz]{3}|[XYZ]{3})$")
+    unit: Literal["deg", "rad"]
+
+    @field_validator("order")
+    @classmethod
+    def _turns(cls, value: str) -> str:
+        if value[0] == value[1] or value[1] == value[2]:
+            raise ValueError(f"{value!r} turns twice about one axis in a row: name three rotations, such as 'ZYX'")
+        return value
+
+
+class StationColumns(FileMapping):
+    """Columns of one station in a table: its position x, y, z (or x, y) and, optionally, its orientation, as a
+    quaternion x, y, z, w or as Euler angles.
+
+    With `status`, rows in which this column holds none of the words `valid` are gaps of the station.
+    """
+
+    position: list[Column] = Field(min_length=2, max_length=3)
+    quaternion: list[Column] | None = Field(default=None, min_length=4, max_length=4)
+    euler: EulerColumns | None = None
+    status: Column | None = None
+    valid: list[str | float] = Field(default=["OK"])
+
+    @field_validator("euler", mode="before")
+    @classmethod
+    def _as_table(cls, value: Any) -> Any:
+        if value is not None and not hasattr(value, "items") and not isinstance(value, EulerColumns):
+            raise ValueError('write a table, as { columns = ["yaw", "pitch", "roll"], order = "ZYX", unit = "deg" }')
+        return value
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Self:
+        if self.quaternion is not None and self.euler is not None:
+            raise ValueError("give either quaternion or euler, not both")
+        return self
+
+
+class Points(FileMapping):
+    """Columns of a table that hold `count` stations side by side: the first column and the order of the coordinates."""
+
+    count: int = Field(gt=0)
+    order: Literal["xyz", "xy", "yx", "xzy", "yxz", "yzx", "zxy", "zyx"] = "xyz"
+    first: int = Field(default=0, ge=0)
+
+
+class PressureColumns(FileMapping):
+    """Columns of a table that hold gauge pressure, with their unit and the names of the chambers.
+
+    Raw counts become pressures by (counts - `zero`) * `scale`, in `unit`; one number, or one for each column.
+    """
+
+    columns: list[Column] = Field(min_length=1)
+    unit: str
+    chamber: list[str] | None = None
+    scale: float | list[float] = 1.0
+    zero: float | list[float] = 0.0
+
+
+class InputColumns(FileMapping):
+    """Columns of a table that hold actuation inputs other than pressure: their kind (tension, displacement or angle),
+    unit and names.
+
+    Steps or counts become values by (counts - `zero`) * `scale`, in `unit`; one number, or one for each column.
+    """
+
+    columns: list[Column] = Field(min_length=1)
+    kind: Literal["tension", "displacement", "angle"]
+    unit: str
+    names: list[str] | None = None
+    scale: float | list[float] = 1.0
+    zero: float | list[float] = 0.0
+
+
+class Select(FileMapping):
+    """Filter that keeps the table rows in which `column` equals `value`, a number or a text, such as one trial of
+    several. Without `value`, `pliant new` makes a recording of each value.
+    """
+
+    column: Column
+    value: float | str | None = None
+
+
+class ColumnMapping(FileMapping):
+    """Options that describe a plain table of numbers: which columns hold time, stations, angles and inputs, and in
+    which units.
+
+    Attributes
+    ----------
+    delimiter : str, optional
+        One character, or ``"space"`` for any white space. Default: the first of ``; tab | ,`` in the first row, or
+        white space.
+    header : bool, optional
+        Whether the first row holds the names of the columns. Default: whether it holds texts and no number.
+    skip_lines : int, optional
+        Lines before the table. Default: those with at most half as many cells as its rows.
+    time : column or two columns, optional
+        Column of time in `time_unit`, or a column of seconds and one of their fraction in `time_unit`. Times of day,
+        such as 10:11:12.5, are read as they are. Without it `rate_hz` is needed.
+    input_time : column, optional
+        Column of the times of pressure and inputs, where they have a clock of their own in the table.
+    na : list of str or float
+        Marks of missing values, beside empty cells and NaN.
+    rate_hz : float, optional
+        Frame rate of a table without a time column.
+    length_unit : str
+        Unit of the positions.
+    camera : Camera, optional
+        Instead of `length_unit`, where positions are in pixels, x to the right and y down.
+    stations : dict of StationColumns, optional
+        Columns by the name of the station, from base to tip.
+    points : Points, optional
+        Instead of `stations`. A table without `stations`, `points` and `angles` is a log of inputs.
+    arc_length : list of float, m, optional
+        Arc length of each station, from base to tip.
+    angles : dict of columns, optional
+        Instead of positions: one column for each station of which only the angle was measured, from base to tip; or
+        the three columns of its acceleration x, y, z, which show the direction of gravity; or the four of its
+        quaternion x, y, z, w.
+    angle_unit : {"deg", "rad"}
+        Unit of `angles`; needed with a single column for each.
+    pressure : PressureColumns, optional
+    inputs : InputColumns or list of them, optional
+        Tensions or displacements of tendons, angles of motors.
+    select : Select, optional
+    rows : (first, last), optional
+        Rows to keep after `select`, counted from 0, the last excluded.
+    """
+
+    delimiter: str | None = None
+    header: bool | None = None
+    skip_lines: int | None = Field(default=None, ge=0)
+    time: Column | tuple[Column, Column] | None = None
+    input_time: Column | None = None
+    na: list[str | float] = Field(default=[])
+    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    length_unit: str = ""
+    camera: Camera | None = None
+    stations: dict[str, StationColumns] | None = None
+    points: Points | None = None
+    angles: dict[str, Column | list[Column]] | None = None
+    angle_unit: Literal["deg", "rad"] | None = None
+    arc_length: list[float] | None = None
+    pressure: PressureColumns | None = None
+    inputs: list[InputColumns] = Field(default=[])
+    select: Select | None = None
+    rows: tuple[int, int] | None = None
+
+    @field_validator("inputs", mode="before")
+    @classmethod
+    def _as_list(cls, value: Any) -> Any:
+        return [value] if hasattr(value, "items") else value
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> Self:
+        rate = self.rate_hz or (self.camera.rate_hz if self.camera and self.time is None else None)
+        if (self.time is None) == (rate is None):
+            raise ValueError("give either time (the column of time) or rate_hz")
+        if self.stations and self.points is not None:
+            raise ValueError("give either stations or points, not both")
+        placed = bool(self.stations) or self.points is not None
+        if not placed and not self.angles and self.pressure is None and not self.inputs:
+            raise ValueError("give stations, points or angles; or, for a log without a shape, pressure or inputs")
+        widths = {len(columns) if isinstance(columns, list) else 1 for columns in (self.angles or {}).values()}
+        if self.angles and (placed or (self.angle_unit is None and widths == {1})):
+            raise ValueError("angles cannot be combined with stations or points, and need angle_unit, 'deg' or 'rad'")
+        if widths - {1} and widths not in ({3}, {4}, {3, 4}):
+            raise ValueError("angles need one column for each station, or the 3 of its acceleration or the 4 of its "
+                             "quaternion")
+        if placed and bool(self.length_unit) == (self.camera is not None):
+            raise ValueError("positions need length_unit, such as 'mm', or camera where they are in pixels, not both")
+        if self.delimiter not in (None, "space") and len(self.delimiter or "") != 1:
+            raise ValueError('delimiter is one character, or "space" for any white space')
+        return self
 
 
 class ColumnHeader:
@@ -37,15 +223,15 @@ class ColumnHeader:
         match.
         """
         if isinstance(column, str):
-            held = self.where.get(column, [])
-            if not held:
+            matches = self.where.get(column, [])
+            if not matches:
                 available = shorten(self.names, 40) or "none, since its first row holds numbers: use indices from 0"
                 raise InputError(f"{self.file} has no column {clipped(column)!r}: correct the mapping; available: "
                                  f"{available}")
-            if len(held) > 1:
-                raise InputError(f"{self.file} has {len(held)} columns named {clipped(column)!r}: give the index of "
+            if len(matches) > 1:
+                raise InputError(f"{self.file} has {len(matches)} columns named {clipped(column)!r}: give the index of "
                                  "one in the mapping")
-            return held[0]
+            return matches[0]
         if not 0 <= column < self.width:
             raise InputError(f"{self.file} has no column {column}, since its columns are 0 to {self.width - 1}: "
                              "correct the mapping")
@@ -106,13 +292,13 @@ def input_arrays(table: NDArray, header: ColumnHeader, options: ColumnMapping) -
     values, names, kinds = [], [], []
     for group in options.inputs:
         indices = [header.index(c) for c in group.columns]
-        given = group.names or [header.names[i] if header.names else f"column_{i}" for i in indices]
-        if len(given) != len(indices):
-            raise InputError(f"the mapping for {header.file} gives {len(given)} names to {len(indices)} columns of "
+        labels = group.names or [header.names[i] if header.names else f"column_{i}" for i in indices]
+        if len(labels) != len(indices):
+            raise InputError(f"the mapping for {header.file} gives {len(labels)} names to {len(indices)} columns of "
                              "inputs: give one name to each column")  # fmt: skip
         stored = from_counts(table[:, indices], group.scale, group.zero, header.file)
         values.append(stored * INPUT_SI[group.kind](group.unit))
-        names += given
+        names += labels
         kinds += [group.kind] * len(indices)
     return {"actuation": np.concatenate(values, axis=1), "input_names": names, "input_kind": kinds}
 

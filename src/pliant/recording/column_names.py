@@ -5,15 +5,18 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
+from pliant.recording.tables import holds_number
 from pliant.units import METRE, PASCAL, RADIAN
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 ALIASES = {"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s", "hpa": "mbar"}
@@ -61,16 +64,16 @@ def standard_names(names: list[str], file: str) -> Renamed:
     InputError
         When the position columns state different units of length, or only some of them state one.
     """
-    positions = {name: found for name in names if (found := _position(name))}
+    positions = {name: coordinate for name in names if (coordinate := _position(name))}
     if any(BEFORE.fullmatch(name) for name in names):  # where x_tip is a position, acc_x is not
-        positions = {name: found for name, found in positions.items() if BEFORE.fullmatch(name)}
+        positions = {name: coordinate for name, coordinate in positions.items() if BEFORE.fullmatch(name)}
     positions = _one_body(names, positions) or positions
     units = {unit for _, unit in positions.values()}
     if len(units) > 1:
         stated = ", ".join(sorted(unit or "no unit" for unit in units))
         raise InputError(f"{file} states several units of length in its column names ({stated}): convert the "
                          "columns to one unit")
-    standard = {name: found[0] for name, found in positions.items()}
+    standard = {name: coordinate[0] for name, coordinate in positions.items()}
     standard |= _orientations(names, {new.partition("_")[2] for new in standard.values()})
     standard |= {name: other for name in names if name not in standard and (other := _clock(name) or _pressure(name))}
     standard |= _channels([name for name in names if name not in standard], [*standard.values()])
@@ -162,10 +165,10 @@ def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
     pressures are skipped.
     """
     inside = [name for name in names if not NOT_INSIDE.fullmatch(name)]
-    found = {name: parts for name in inside if (parts := _without_unit(name, PASCAL))[1]}
-    if len(found) == 1 and not any(name.startswith("p_") for name in known):
-        return {name: f"p_{unit}" for name, (_, unit) in found.items()}
-    return {name: f"p_{unit}_{bare}" for name, (bare, unit) in found.items()}
+    channels = {name: parts for name in inside if (parts := _without_unit(name, PASCAL))[1]}
+    if len(channels) == 1 and not any(name.startswith("p_") for name in known):
+        return {name: f"p_{unit}" for name, (_, unit) in channels.items()}
+    return {name: f"p_{unit}_{bare}" for name, (bare, unit) in channels.items()}
 
 
 def unitless_pressures(names: Iterable[str]) -> list[str]:
@@ -228,3 +231,59 @@ def parted_clock(names: Sequence[str]) -> PartedClock | None:
         if len(seconds) == len(fraction) == 1:
             return PartedClock(seconds[0], fraction[0], unit)
     return None
+
+
+CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns"}
+SHAPES = ("stations", "points", "angles")
+
+
+def completed(mapping: Mapping[str, Any], cells: Sequence[str], file: str) -> tuple[dict[str, Any], list[str]]:
+    """Return the options of a table with the columns of its time and stations, where the mapping names none and the
+    cells of its first row do, and sentences for the history.
+
+    Stations are added if the mapping describes neither a shape nor a log, which has a time of its own.
+    """
+    options = dict(mapping)
+    camera = options.get("camera")
+    untimed = not {"time", "rate_hz"} & set(options) and not (isinstance(camera, Mapping) and "rate_hz" in camera)
+    shapeless = not any(options.get(name) for name in SHAPES)
+    alone = not untimed and (options.get("pressure") is not None or bool(options.get("inputs")))
+    if any(map(holds_number, filter(None, cells))) or options.get("header") is False or not (untimed or shapeless):
+        return options, []
+    renamed = standard_names(list(cells), file)
+    history = []
+    if untimed:
+        options |= clock_of(renamed.names, cells)
+    if shapeless and not alone and (stations := stations_of(renamed.names, cells)):
+        options["stations"] = stations
+        if camera is None:
+            options.setdefault("length_unit", renamed.length_unit or "m")
+        history.append(f"stations of {file} by the names of its columns: {', '.join(stations)}")
+    return options, history
+
+
+def clock_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
+    """Return the entries `time` and `time_unit` of a mapping for the column that the names say is the time; empty if
+    there is none.
+    """
+    clock = next((k for k, name in enumerate(names) if name in CLOCKS), None)
+    if clock is not None:
+        return {"time": cells[clock], "time_unit": CLOCKS[names[clock]]}
+    if parts := parted_clock(names):
+        return {"time": (cells[parts.seconds], cells[parts.fraction]), "time_unit": parts.unit}
+    return {}
+
+
+def stations_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
+    """Return the entry `stations` of a mapping for the columns whose standard names are coordinates of a station."""
+    columns = dict(zip(names, cells, strict=True))
+    stations: dict[str, Any] = {}
+    for name in names:
+        axis, _, station = name.partition("_")
+        if axis != "x" or f"y_{station}" not in columns:
+            continue
+        label = f"s{station}" if station[0].isdigit() else station
+        stations[label] = {"position": [columns[f"{a}_{station}"] for a in "xyz" if f"{a}_{station}" in columns]}
+        turn = [columns[f"q{a}_{station}"] for a in "xyzw" if f"q{a}_{station}" in columns]
+        stations[label] |= {"quaternion": turn} if len(turn) == 4 else {}
+    return stations

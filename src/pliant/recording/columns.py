@@ -21,12 +21,21 @@ from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
 from pliant.recording.cells import cells_of, is_one_of, with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.column_arrays import ColumnHeader, calibrated, input_arrays, pressure_arrays, station_arrays
-from pliant.recording.column_mapping import Column, ColumnMapping, InputColumns, PressureColumns, StationColumns
-from pliant.recording.column_names import PartedClock
+from pliant.recording.column_arrays import (
+    Column,
+    ColumnHeader,
+    ColumnMapping,
+    InputColumns,
+    PressureColumns,
+    StationColumns,
+    calibrated,
+    input_arrays,
+    pressure_arrays,
+    station_arrays,
+)
+from pliant.recording.column_names import PartedClock, completed
 from pliant.recording.inclination import turning_angles
 from pliant.recording.mapping import shorten
-from pliant.recording.named_columns import completed
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
 from pliant.recording.tables import (
@@ -66,8 +75,8 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
                          f"{example}; `pliant new` makes a recording of each")
     header, table, texts, findings = _table(path, options)
     history = [*named, *findings, *_unused(header, options, table)]
-    table, kept = _rows(_valid(table, texts, header, options, history), texts, header, options)
-    history += kept
+    table, row_notes = _rows(_valid(table, texts, header, options, history), texts, header, options)
+    history += row_notes
     whole = bool(options.stations) or options.points is not None
     time, shape, more = _timed(table, options.time, header, options, whole=whole)
     history += more
@@ -98,7 +107,7 @@ def _first_cells(path: Path, mapping: Mapping[str, Any]) -> list[str]:
     skipped, delimiter = mapping.get("skip_lines"), mapping.get("delimiter")
     lines = read_text(path).split("\n")
     lines = lines[skipped if isinstance(skipped, int) else preamble_of(lines) :]
-    line = next((one for one in lines if one.strip() and not one.startswith("#")), "")
+    line = next((row for row in lines if row.strip() and not row.startswith("#")), "")
     cells = split_cells(line, delimiter_of(line, delimiter if isinstance(delimiter, str) and delimiter else None))
     return cells[:-1] if cells[-1:] == [""] else cells
 
@@ -151,7 +160,7 @@ def delimiter_of(line: str, stated: str | None) -> str | None:
     """Return the delimiter of a table as its mapping states it, or else from its first row; None for white space."""
     if stated is not None:
         return None if stated == "space" else stated
-    return next((one for one in DELIMITERS if one in line), None)
+    return next((candidate for candidate in DELIMITERS if candidate in line), None)
 
 
 def header_of(cells: list[str], options: ColumnMapping, where: str) -> bool:
@@ -180,7 +189,7 @@ def _clocks(options: ColumnMapping) -> tuple[Column, ...]:
 
 def _worded(header: ColumnHeader, options: ColumnMapping) -> set[int]:
     """Return the indices of the columns whose texts the mapping uses: the status of stations, and a text to select."""
-    columns = [one.status for one in (options.stations or {}).values() if one.status is not None]
+    columns = [station.status for station in (options.stations or {}).values() if station.status is not None]
     if options.select is not None and isinstance(options.select.value, str):
         columns.append(options.select.column)
     return {header.index(column) for column in columns}
@@ -259,15 +268,15 @@ def _rows(
         values = texts[header.index(column)] if worded else table[:, header.index(column)]
         keep = values == value
         if not keep.any():
-            held = shorten(sorted(set(values))) if worded else \
+            listing = shorten(sorted(set(values))) if worded else \
                 ", ".join(f"{v:g}" for v in np.unique(values[np.isfinite(values)])[:20])
             raise InputError(f"no row of {file} has {_word(value)} in column {column!r}: correct select in the mapping;"
-                             f" the column holds {held}")  # fmt: skip
+                             f" the column holds {listing}")  # fmt: skip
         history.append(f"kept {int(keep.sum())} of {len(table)} rows: {column} = {_word(value)}")
         table = table[keep]
     if options.rows is not None:
-        table, kept = kept_rows(table, options.rows, file)
-        history += kept
+        table, more = kept_rows(table, options.rows, file)
+        history += more
     return table, history
 
 
@@ -367,15 +376,15 @@ def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
     """Remove the jumps of 360 degrees from the angles (T, S) [rad] of S sensors over T frames, and return them with a
     history line that counts the jumps.
     """
-    seen = np.isfinite(angle)
+    finite = np.isfinite(angle)
     result, jumps = angle.copy(), 0
     for s in range(angle.shape[1]):
-        read = angle[seen[:, s], s]
+        read = angle[finite[:, s], s]
         if read.size and np.ptp(read) > ONE_TURN:
             continue
         steady = np.unwrap(read)
-        jumps += int((np.abs(np.diff(steady) - np.diff(angle[seen[:, s], s])) > 1.0).sum())
-        result[seen[:, s], s] = steady
+        jumps += int((np.abs(np.diff(steady) - np.diff(angle[finite[:, s], s])) > 1.0).sum())
+        result[finite[:, s], s] = steady
     return result, [f"{jumps} jump(s) of an angle by a full turn were removed"] if jumps else []
 
 
@@ -389,9 +398,9 @@ def _layout(options: ColumnMapping, header: ColumnHeader) -> dict[str, StationCo
                          f"{header.width} columns: correct points.count, points.first or points.order")
     stations = {}
     for i in range(points.count):
-        at = points.first + i * width
-        place: list[Column] = [at + points.order.index(axis) for axis in "xyz"[:width]]
-        stations[f"s{i:03d}"] = StationColumns(position=place)
+        begin = points.first + i * width
+        axes: list[Column] = [begin + points.order.index(axis) for axis in "xyz"[:width]]
+        stations[f"s{i:03d}"] = StationColumns(position=axes)
     return stations
 
 

@@ -98,9 +98,9 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     used = {*columns.values(), *turning.values()}
     other_names = {k: n for k, n in enumerate(names) if k not in used and not is_time(n)}
     standard = standard_names(list(other_names.values()), path.name).names
-    kept = {n: table[:, k] for k, n in zip(other_names, standard, strict=True) if pressure_unit(n)}
-    pressure, chamber = pressures_of(kept)
-    left = [n for n, own in zip(other_names.values(), standard, strict=True) if own not in kept]
+    pressures = {n: table[:, k] for k, n in zip(other_names, standard, strict=True) if pressure_unit(n)}
+    pressure, chamber = pressures_of(pressures)
+    left = [n for n, label in zip(other_names.values(), standard, strict=True) if label not in pressures]
     history += [f"{len(left)} column(s) of {path.name} were left out: {shorten(left)}"] if left else []
     history.append(f"integrated curvature at {len(arc)} stations, {1e3 * (arc[-1] - arc[0]):.1f} mm, to a shape")
     with inside(path.name):
@@ -129,7 +129,7 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
     """Return a dict from arc length [m] to column index, for the columns whose name is `start` followed by an arc
     length, such as ``k_10``.
     """
-    found: dict[float, int] = {}
+    arcs: dict[float, int] = {}
     for k, name in enumerate(names):
         if not name.startswith(start):
             continue
@@ -137,11 +137,11 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
         if not match:
             continue
         arc = metre_per(match[2] or unit) * float(match[1])
-        if not np.isfinite(arc) or arc in found:
-            problem = "of another column, too" if arc in found else "that is not finite"
+        if not np.isfinite(arc) or arc in arcs:
+            problem = "of another column, too" if arc in arcs else "that is not finite"
             raise InputError(f"{file} states in column {clipped(name)!r} an arc length {problem}: rename the column")
-        found[arc] = k
-    return found
+        arcs[arc] = k
+    return arcs
 
 
 def time_of(table: Array, names: list[str], options: CurvatureMapping, file: str) -> tuple[Array, list[str]]:

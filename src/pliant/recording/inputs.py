@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pliant.recording.rules import INPUT_UNITS
+from pliant.recording.rules import COMPONENTS, INPUT_UNITS, VARIABLES, check_recording
 
 if TYPE_CHECKING:
     import xarray as xr
-    from numpy.typing import NDArray
-
+    from numpy.typing import ArrayLike, NDArray
 
 class RecordedInput(NamedTuple):
     """One measured actuation input: its name, kind (such as pressure), unit, times [s] and values."""
@@ -25,17 +24,17 @@ class RecordedInput(NamedTuple):
 
 def recorded_inputs(recording: xr.Dataset) -> list[RecordedInput]:
     """Return all measured actuation inputs of a recording, pressures first, each with its own sample times."""
-    found = []
+    inputs = []
     if "pressure" in recording:
         values = recording["pressure"].values.reshape(recording.sizes["pressure_time"], -1)
         names = [str(c) for c in recording["chamber"].values] if "chamber" in recording["pressure"].dims else [""]
         clock = recording["pressure_time"].values
-        found += [RecordedInput(n, "pressure", "Pa", clock, v) for n, v in zip(names, values.T, strict=True)]
+        inputs += [RecordedInput(n, "pressure", "Pa", clock, v) for n, v in zip(names, values.T, strict=True)]
     if "actuation" in recording:
         clock, kinds = recording["input_time"].values, [str(k) for k in recording["kind"].values]
         for name, kind, values in zip(recording["input"].values, kinds, recording["actuation"].values.T, strict=True):
-            found.append(RecordedInput(str(name), kind, INPUT_UNITS[kind], clock, values))
-    return found
+            inputs.append(RecordedInput(str(name), kind, INPUT_UNITS[kind], clock, values))
+    return inputs
 
 
 def inputs_on_one_clock(recording: xr.Dataset) -> list[RecordedInput]:
@@ -43,8 +42,8 @@ def inputs_on_one_clock(recording: xr.Dataset) -> list[RecordedInput]:
     else the pressures.
     """
     inputs = recorded_inputs(recording)
-    shared = all(np.array_equal(one.time, inputs[0].time) for one in inputs)
-    return inputs if shared else [one for one in inputs if one.kind == "pressure"]
+    shared = all(np.array_equal(entry.time, inputs[0].time) for entry in inputs)
+    return inputs if shared else [entry for entry in inputs if entry.kind == "pressure"]
 
 
 def input_arguments(recording: xr.Dataset) -> dict[str, Any]:
@@ -62,5 +61,60 @@ def inputs_at(recording: xr.Dataset, time: NDArray) -> NDArray:
 
     C is 0 for a recording without inputs.
     """
-    rows = [np.interp(time, one.time, one.values) for one in recorded_inputs(recording)]
+    rows = [np.interp(time, entry.time, entry.values) for entry in recorded_inputs(recording)]
     return np.stack(rows, -1) if rows else np.zeros((len(time), 0))
+
+
+POSES = ("base_position", "base_angle", "base_quaternion")
+CUTOFF = "base_cutoff"  # attribute of a recording
+
+
+def with_base_motion(
+    recording: xr.Dataset, position: ArrayLike, *, angle: ArrayLike | None = None,
+    quaternion: ArrayLike | None = None, cutoff: float | str | None = None,
+) -> xr.Dataset:
+    """Return an aligned recording with the motion of its base as an input of the body.
+
+    The positions and angles of the stations are then relative to the moved base.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording in the frame planar or spatial.
+    position : (T, 2), in space (T, 3) array, m
+        Position of the base frame's origin in the axes of the base frame at rest; NaN marks an unknown pose.
+    angle : (T,) array, rad, optional
+        In the plane: angle of the base frame about +z since rest.
+    quaternion : (T, 4) array, optional
+        In space: rotation of the base frame since rest, x, y, z, w.
+    cutoff : float (Hz), "auto" or None
+        Smoothing of the motion for its derivatives, see `pliant.simulation.BaseMotion`.
+
+    Raises
+    ------
+    InputError
+        When the shapes or the frame do not match.
+    """
+    poses: dict[str, Any] = {"base_position": position, "base_angle": angle, "base_quaternion": quaternion}
+    added = recording.copy()
+    for name, values in poses.items():
+        if values is not None:
+            (dims,), units, long_name = VARIABLES[name]
+            about = {"units": units, "long_name": long_name}
+            added[name] = (dims, np.array(values, dtype=np.float64), about)
+    if quaternion is not None:
+        added = added.assign_coords(component=list(COMPONENTS))
+    if cutoff is not None:
+        added.attrs[CUTOFF] = cutoff
+    return check_recording(added)
+
+
+def base_moves(recording: xr.Dataset) -> bool:
+    """Return whether a recording holds the motion of its base as an input."""
+    return "base_position" in recording
+
+
+def keep_base(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
+    """Return the recording `after`, of the same frames as `before`, with the base motion of `before`, if it has one."""
+    poses = {name: before[name] for name in POSES if name in before}
+    return after.assign(poses).assign_attrs({CUTOFF: before.attrs[CUTOFF]} if CUTOFF in before.attrs else {})

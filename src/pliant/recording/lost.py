@@ -65,12 +65,12 @@ def frames_at(marks: list[int], path: Path, position: NDArray, station: int) -> 
     """Return a mask (T,) of the frames in which a station's path is at one of the positions with the labels `marks`
     that stand for "lost". The positions (T, S, d) [m] are those of all stations.
     """
-    found = np.zeros(len(position), dtype=bool)
+    lost = np.zeros(len(position), dtype=bool)
     for mark in marks:
         visits = visits_of(path, mark)
         if visits is not None and is_mark(path, visits, position, station):
-            found |= rows_of(path, visits, len(position))
-    return found
+            lost |= rows_of(path, visits, len(position))
+    return lost
 
 
 def path_of(position: NDArray) -> Path | None:
@@ -223,8 +223,8 @@ def counted(recording: xr.Dataset, reasons: dict[str, dict[str, int]]) -> xr.Dat
     the numbers of frames by station and by what the tracker wrote.
     """
     listed = known_losses(recording)
-    for station, found in reasons.items():
-        for reason, n in found.items():
+    for station, counts in reasons.items():
+        for reason, n in counts.items():
             listed.setdefault(station, {})[reason] = listed.get(station, {}).get(reason, 0) + n
     history = [str(recording.attrs.get("history", "")), *loss_sentences(reasons)]
     return recording.assign_attrs({ATTRIBUTE: json.dumps(listed), "history": "\n".join(filter(None, history))})
@@ -233,17 +233,17 @@ def counted(recording: xr.Dataset, reasons: dict[str, dict[str, int]]) -> xr.Dat
 def known_losses(recording: xr.Dataset) -> dict[str, dict[str, int]]:
     """Return, by station and by what the tracker wrote, the numbers of frames in which a station was lost."""
     try:
-        found = json.loads(str(recording.attrs.get(ATTRIBUTE, "{}")))
-        return {str(s): {str(r): int(n) for r, n in of.items()} for s, of in found.items()}
+        stored = json.loads(str(recording.attrs.get(ATTRIBUTE, "{}")))
+        return {str(s): {str(r): int(n) for r, n in of.items()} for s, of in stored.items()}
     except (ValueError, AttributeError, TypeError):  # the attribute of another program
         return {}
 
 
 def loss_sentences(losses: dict[str, dict[str, int]]) -> list[str]:
     """Return a sentence for each thing that a tracker wrote in place of lost stations, with the frames by station."""
-    reasons = dict.fromkeys(reason for found in losses.values() for reason in found)
+    reasons = dict.fromkeys(reason for counts in losses.values() for reason in counts)
     return [f"lost by the tracker, which wrote a {reason}; read as gaps: "
-            f"{listed({s: found[reason] for s, found in losses.items() if reason in found})}" for reason in reasons]
+            f"{listed({s: counts[reason] for s, counts in losses.items() if reason in counts})}" for reason in reasons]
 
 
 def listed(counts: dict[str, int]) -> str:

@@ -45,12 +45,12 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     """
     options = LunaMapping.load(mapping, path.name)
     lines = read_text(path).split("\n")
-    header, at = _header(lines, path.name)
+    header, header_end = _header(lines, path.name)
     scale = _strain_scale(header, path.name)
     if (unit := header.get("x-axis units", "m").lower()) not in AXIS_UNITS:
         raise InputError(f"{path.name} states the x-axis in {clipped(unit, 20)!r}, not in metres: export it again with "
                          "the x-axis in m")
-    gauges, first = _gauges(lines, at, path.name)
+    gauges, first = _gauges(lines, header_end, path.name)
     body, findings = judge_end(lines[first:], "\t", path.name)
     rows = [(i, line.split("\t", LABEL_CELLS)) for i, line in enumerate(body, first) if line.strip()]
     if not rows:
@@ -58,16 +58,16 @@ def read_luna(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     if short := [number for number, cells in rows if len(cells) <= LABEL_CELLS]:
         raise InputError(f"line {short[0] + 1} of {path.name} holds no values: the file may be truncated, so copy or "
                          "export it again")
-    kept = [(number, cells) for number, cells in rows if cells[2].strip().lower() in ("strain", "")]
-    if not kept:
+    strain_rows = [(number, cells) for number, cells in rows if cells[2].strip().lower() in ("strain", "")]
+    if not strain_rows:
         raise InputError(f"none of the {len(rows)} rows of {path.name} holds strain: export strain from the Luna "
                          "software")
-    stamps = [_time_stamp(cells[0], number, path.name) for number, cells in kept]
-    values = [cells[LABEL_CELLS] for _, cells in kept]
+    stamps = [_time_stamp(cells[0], number, path.name) for number, cells in strain_rows]
+    values = [cells[LABEL_CELLS] for _, cells in strain_rows]
     findings += _pitch(header, gauges)
-    strain = _values(values, len(gauges), kept[0][0] + 1, path.name) * scale
-    if len(kept) < len(rows):
-        findings.append(f"{len(rows) - len(kept)} row(s) hold another quantity than strain and were left out")
+    strain = _values(values, len(gauges), strain_rows[0][0] + 1, path.name) * scale
+    if len(strain_rows) < len(rows):
+        findings.append(f"{len(rows) - len(strain_rows)} row(s) hold another quantity than strain and were left out")
     time = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
     with inside(path.name):
         recording = make_recording(
@@ -120,8 +120,8 @@ def _header(lines: list[str], name: str) -> tuple[dict[str, str], int]:
     for i, line in enumerate(lines[:500]):
         if line.strip() and not line.strip().strip("-"):
             return header, i + 1
-        key, found, value = line.partition(":")
-        if found:
+        key, colon, value = line.partition(":")
+        if colon:
             header[key.strip().lower()] = value.strip()
     raise InputError(f"{name} is not a Luna table: its header does not end with a line of dashes; export it again "
                      "from the Luna software")
@@ -155,10 +155,10 @@ def _pitch(header: Mapping[str, str], gauges: np.ndarray) -> list[str]:
         stated = 1e-3 * float(header.get("gage pitch (mm)", "nan"))
     except ValueError:
         return []
-    found = float(np.median(np.diff(gauges))) if gauges.size > 1 else float("nan")
-    if not abs(found - stated) > PITCH_TOLERANCE * stated:
+    measured = float(np.median(np.diff(gauges))) if gauges.size > 1 else float("nan")
+    if not abs(measured - stated) > PITCH_TOLERANCE * stated:
         return []
-    return [f"the header states gauges {stated:g} m apart, but the x-axis has {found:g} m; the x-axis was used"]
+    return [f"the header states gauges {stated:g} m apart, but the x-axis has {measured:g} m; the x-axis was used"]
 
 
 def _time_stamp(text: str, number: int, name: str) -> datetime:

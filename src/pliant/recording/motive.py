@@ -50,13 +50,13 @@ class _Header:
         cells = split_cells(lines[0], ",")
         self.keys = dict(zip(cells[::2], cells[1::2], strict=False))
         table = [split_cells(line, ",") for line in lines[1:15]]
-        at = next((i for i, row in enumerate(table) if row[0].lower() == "frame"), None)
-        labelled = {row[1].lower(): row for row in table[:at] if len(row) > 1 and row[1]}
-        if at is None or at == 0 or "type" not in labelled or "name" not in labelled:
+        frame_row = next((i for i, row in enumerate(table) if row[0].lower() == "frame"), None)
+        labelled = {row[1].lower(): row for row in table[:frame_row] if len(row) > 1 and row[1]}
+        if frame_row is None or frame_row == 0 or "type" not in labelled or "name" not in labelled:
             raise InputError(f"{name} is not a Motive export: rows Type, Name and Frame are missing in its header; "
                              "export it from Motive as CSV")
-        self.first = at + 2
-        self.axis, self.quantity = table[at], table[at - 1]
+        self.first = frame_row + 2
+        self.axis, self.quantity = table[frame_row], table[frame_row - 1]
         self.width = len(self.axis)
         types, names = labelled["type"], labelled["name"]
         self.names = names

@@ -91,8 +91,8 @@ def announced_entries(stream: BinaryIO) -> int:
     stream.seek(0, 2)
     stream.seek(max(stream.tell() - LONGEST_END, 0))
     tail = stream.read()
-    at = tail.rfind(b"PK\x05\x06")
-    return int.from_bytes(tail[at + 10 : at + 12], "little")
+    record = tail.rfind(b"PK\x05\x06")
+    return int.from_bytes(tail[record + 10 : record + 12], "little")
 
 
 READER = Reader("npz", ENDINGS["npz"], read_npz, begins_with(b"PK"))

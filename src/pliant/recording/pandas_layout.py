@@ -99,10 +99,10 @@ def _joined(
 ) -> StoredFrame:
     """Return the table whose columns `names` are stored in `parts`, in the order of `columns`."""
     values = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
-    place = {name: k for k, name in enumerate(names)}
-    if not len(place) == len(names) == values.shape[1]:
+    column_of = {name: k for k, name in enumerate(names)}
+    if not len(column_of) == len(names) == values.shape[1]:
         raise ValueError(f"{len(names)} names for {values.shape[1]} columns, or names that repeat")
-    return StoredFrame(levels, columns, _numbers(rows), values[:, [place[c] for c in columns]])
+    return StoredFrame(levels, columns, _numbers(rows), values[:, [column_of[c] for c in columns]])
 
 
 def _axis(
@@ -148,15 +148,15 @@ def plain_value(text: str) -> Any:
     """
     stack: list[Any] = []
     known: dict[str, Any] = {}
-    at = 0
-    while at < len(text):
-        code, at = text[at], at + 1
+    position = 0
+    while position < len(text):
+        code, position = text[position], position + 1
         if code == ".":
             return _only(stack)
         line = ""
         if code in "VIpg":
-            end = text.find("\n", at)
-            line, at = text[at : end if end >= 0 else len(text)], (end if end >= 0 else len(text)) + 1
+            end = text.find("\n", position)
+            line, position = text[position : end if end >= 0 else len(text)], (end if end >= 0 else len(text)) + 1
         _step(code, line, stack, known)
     raise ValueError("a list of names is truncated")
 
@@ -182,9 +182,9 @@ def _step(code: str, line: str, stack: list[Any], known: dict[str, Any]) -> None
     elif code == "g":
         stack.append(known[line])
     elif code in "ltd":
-        at = len(stack) - 1 - next(k for k, value in enumerate(reversed(stack)) if value is MARK)
-        items = stack[at + 1 :]
-        del stack[at:]
+        mark = len(stack) - 1 - next(k for k, value in enumerate(reversed(stack)) if value is MARK)
+        items = stack[mark + 1 :]
+        del stack[mark:]
         pairs = zip(items[::2], items[1::2], strict=True) if code == "d" else ()
         stack.append(dict(pairs) if code == "d" else tuple(items) if code == "t" else items)
     elif code == "a":

@@ -59,9 +59,9 @@ def data_sets() -> dict[str, DataSet]:
     table = tomllib.loads((Path(__file__).parent / "published.toml").read_text(encoding="utf-8"))
     catalogue = {}
     for name, entry in table.items():
-        at = f"{entry['repository']}/raw/{entry['commit']}"
+        source = f"{entry['repository']}/raw/{entry['commit']}"
         files = {
-            file: Published(f["sha256"], f"{at}/{quote(f['from'])}" if "from" in f else "", f.get("by_hand", ""))
+            file: Published(f["sha256"], f"{source}/{quote(f['from'])}" if "from" in f else "", f.get("by_hand", ""))
             for file, f in entry["files"].items()
         }
         origin = f"{entry['repository']}, commit {entry['commit'][:7]}"
@@ -165,9 +165,9 @@ def brought(known: DataSet, file: str, folder: Path, mirror: str | None) -> Path
     if not address:
         raise InputError(f"{known.name}/{file} is not on this machine: {how(known, file, folder)}")
     pooch.get_logger().setLevel("WARNING")  # the command tells what it does
-    own = copied if urlparse(address).scheme == "file" else None
+    downloader = copied if urlparse(address).scheme == "file" else None
     try:
-        pooch.retrieve(address, f"sha256:{published.sha256}", fname=file, path=folder, downloader=own)
+        pooch.retrieve(address, f"sha256:{published.sha256}", fname=file, path=folder, downloader=downloader)
     except (OSError, ValueError) as error:  # no network, no such file, another checksum
         reason = " ".join(str(error).split())
         source = published.address or "where it was published"

@@ -3,26 +3,38 @@
 Another package adds a format by an entry point of the group ``pliant.readers`` that points to a `Reader`. What a file
 states about its content is compared with what was read in `read_recording`, for all formats alike; see
 `pliant.recording.stated`.
+
+Apply a scale and an offset to channels of a recording, such as raw counts or absolute pressures.
+
+A mapping of any format may hold them, by variable (``pressure``, ``actuation``, ``angle``, ``position``, ``strain``) or
+by the name of one chamber, input, station or core::
+
+    [linear.pressure]
+    scale = 0.0244      # value = scale * what the file holds + offset
+    offset = -12.2
+    unit = "kPa"        # of the offset
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import Field
+
 from pliant.errors import InputError, clipped
-from pliant.file_kinds import RECORDING, refuse_other
-from pliant.files import regular_file
+from pliant.files import RECORDING, refuse_other, regular_file
 from pliant.plugins import offered
-from pliant.recording.linear import scaled, without_lines
 from pliant.recording.lost import without_lost
-from pliant.recording.per_file import options_of
+from pliant.recording.mapping import FileMapping, options_of
 from pliant.recording.published import PREFIX, published_path
 from pliant.recording.schema import append_history, check_recording
 from pliant.recording.stated import Reading, judge_stated
 from pliant.recording.typed_steps import held, without_hold
+from pliant.units import input_per, metre_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -58,6 +70,82 @@ MARKS = {  # words anywhere in the first bytes that show which program wrote a f
     "sleap": (b"track_occupancy",),
     "motive": (b"format version", b"rigid body"),
 }
+
+
+CHANNELS: dict[str, tuple[str, Callable[[str], float] | None]] = {  # variable -> dimension of its channels, its units
+    "pressure": ("chamber", pascal_per), "angle": ("station", radian_per), "position": ("station", metre_per),
+    "strain": ("core", None), "actuation": ("input", input_per),
+}  # fmt: skip
+KEY = "linear"
+
+
+class LinearScale(FileMapping):
+    """Conversion of one recorded channel: value = scale * stored value + offset, with the offset in `unit`."""
+
+    scale: float = Field(default=1.0, allow_inf_nan=False)
+    offset: float = Field(default=0.0, allow_inf_nan=False)
+    unit: str | None = None
+
+
+def without_lines(mapping: Mapping[str, Any] | None) -> tuple[Mapping[str, Any] | None, Mapping[str, Any]]:
+    """Split the options of a file into those of its reader and the table ``linear`` (scale and offset of channels), and
+    return both.
+    """
+    if mapping is None or KEY not in mapping:
+        return mapping, {}
+    return {k: v for k, v in mapping.items() if k != KEY} or None, mapping[KEY]
+
+
+def scaled(recording: xr.Dataset, lines: Mapping[str, Any], file: str) -> xr.Dataset:
+    """Apply the scales and offsets in `lines`, a dict by channel name, to the channels of a recording. Return a new
+    recording whose history lists them.
+
+    Raises
+    ------
+    InputError
+        When an entry names no channel of the recording, scales by 0, or has an offset without a unit.
+    """
+    if not hasattr(lines, "items"):
+        raise InputError(f"the mapping for {file}: {KEY} must be a table by channel, such as [{KEY}.pressure]")
+    for name, entry in lines.items():
+        line = LinearScale.load(entry if hasattr(entry, "items") else {"scale": entry}, file)
+        variable, where = channel(recording, str(name), file)
+        added = line.offset * factor(variable, line, str(name), file)
+        values = recording[variable].copy(deep=True)
+        values[where] = line.scale * values[where] + added
+        finding = f"{name} is {line.scale:g} times the stored value, plus {line.offset:g} {line.unit or ''}".rstrip()
+        history = "\n".join(filter(None, [str(recording.attrs.get("history", "")), finding]))
+        recording = recording.assign({variable: values}).assign_attrs(history=history)
+    return recording
+
+
+def channel(recording: xr.Dataset, name: str, file: str) -> tuple[str, dict[str, Any]]:
+    """Find the variable of a recording that contains the channel `name`, and return the variable's name and the
+    channel's index in it. The index is empty if `name` is the name of the variable itself.
+    """
+    if name in CHANNELS and name in recording:
+        return name, {}
+    for variable, (dimension, _) in CHANNELS.items():
+        divided = variable in recording and dimension in recording[variable].dims
+        names = [str(n) for n in recording[dimension].values] if divided else []
+        if name in names:
+            return variable, {dimension: names.index(name)}
+    channels = ", ".join(v for v in CHANNELS if v in recording)
+    raise InputError(f"the mapping for {file}: {KEY} names {name!r}, but the recording has no such channel: correct "
+                     f"the name; its variables are {channels}")
+
+
+def factor(variable: str, line: LinearScale, name: str, file: str) -> float:
+    """Return the factor that converts a channel's offset from its stated unit to the SI unit, such as 1000 for kPa."""
+    per = CHANNELS[variable][1]
+    if line.scale == 0:
+        raise InputError(f"the mapping for {file}: {KEY}.{name} has scale = 0, which would erase the channel: give "
+                         "another scale")
+    if per is None or (line.unit is None and line.offset == 0):
+        return 1.0
+    if line.unit is None:
+        raise InputError(f"the mapping for {file}: {KEY}.{name} has an offset without a unit: add unit")
+    return per(line.unit)
 
 
 @dataclass(frozen=True)
@@ -112,8 +200,8 @@ def read_recording(
     mapping : dict, optional
         Information that the file lacks: columns and units of a plain table, names of arrays, the unit
         of length. The keys depend on the format; see the module of its reader. ``format`` is the next entry;
-        ``files`` holds options of single files, see `pliant.recording.per_file`;
-        ``linear`` scales channels of any format, see `pliant.recording.linear`; ``hold`` states whether inputs keep
+        ``files`` holds options of single files, see `pliant.recording.mapping`;
+        ``linear`` scales channels of any format, see `pliant.recording.registry`; ``hold`` states whether inputs keep
         the value of a row until the next, see `pliant.recording.typed_steps`; ``incomplete = true`` reads a file that
         holds fewer samples than it states.
     format : str, optional
@@ -226,8 +314,8 @@ def looks_like(head: bytes, but: str = "") -> str:
     The hint, ``this looks like a file of ...: set format = ...``, ends the message about a file that could not be read.
     """
     words = head.lower()
-    found = next((name for name, marks in MARKS.items() if name != but and all(m in words for m in marks)), None)
-    return f'; this looks like a file of {found}: set format = "{found}" in its mapping' if found else ""
+    kind = next((name for name, marks in MARKS.items() if name != but and all(m in words for m in marks)), None)
+    return f'; this looks like a file of {kind}: set format = "{kind}" in its mapping' if kind else ""
 
 
 def describes_columns(mapping: Mapping[str, Any]) -> bool:
@@ -242,7 +330,7 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
     if path.is_dir():
         name = "bag"
     if name is None and mapping is not None:
-        name = next((one for one, keys in KEYS.items() if keys & set(mapping)), None)
+        name = next((candidate for candidate, keys in KEYS.items() if keys & set(mapping)), None)
     if name is None and mapping is not None and describes_columns(mapping):
         name = "columns"
     if name is not None:
@@ -251,7 +339,7 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
             raise InputError(f"unknown format {name!r}: use one of {', '.join(known)}")
         return known[name]
     suffix = path.suffix.lower()
-    ours = {own: target for own, (target, endings) in BUILT_IN.items() if suffix in endings}
+    ours = {reader: target for reader, (target, endings) in BUILT_IN.items() if suffix in endings}
     fitting = [r for r in offered(GROUP, ours, Reader).values() if suffix in r.suffixes and r.recognises(head)]
     ready = [r for r in fitting if not r.needs_mapping] or fitting
     if not ready:

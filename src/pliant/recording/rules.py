@@ -192,13 +192,13 @@ def _check_inputs(recording: xr.Dataset) -> None:
 
 
 def _check_stations(recording: xr.Dataset) -> None:
-    shown = next((name for name in ("position", "angle") if name in recording), None)
-    if shown is None:
+    variable = next((name for name in ("position", "angle") if name in recording), None)
+    if variable is None:
         return
     names = [str(n) for n in recording["station"].values] if "station" in recording.coords else []
     if not names or len(names) != recording.sizes["station"]:
-        raise InputError(f"{shown} needs at least one station and a name for each")
-    if shown == "angle":
+        raise InputError(f"{variable} needs at least one station and a name for each")
+    if variable == "angle":
         return
     axes = [str(a) for a in recording["axis"].values] if "axis" in recording.coords else []
     expected = ["x", "y"] if recording.attrs["frame"] == "planar" else ["x", "y", "z"]

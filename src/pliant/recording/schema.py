@@ -178,10 +178,10 @@ def recorded_further(recording: xr.Dataset, stations: Sequence[str]) -> dict[str
     """Return the values (T, S) and the constants (S, k) of S stations in T frames for each measured variable beside
     positions, angles and orientations that a recording holds, by the name of the variable.
     """
-    found = [name for name in FURTHER if name in recording]
-    shown = recording.sel(station=list(stations)) if found else recording
+    names = [name for name in FURTHER if name in recording]
+    selected = recording.sel(station=list(stations)) if names else recording
     none = np.zeros((len(stations), 0))
-    return {n: (shown[n].values, shown[m].values if (m := n + CONSTANTS) in shown else none) for n in found}
+    return {n: (selected[n].values, selected[m].values if (m := n + CONSTANTS) in selected else none) for n in names}
 
 
 NEEDED = {"position": "positions", "quaternion": "orientations", "pressure": "a pressure", "strain": "strain"}

@@ -68,11 +68,11 @@ def preamble_of(lines: Sequence[str], delimiter: str | None = None) -> int:
     `delimiter` is that of the table; by default the first of `DELIMITERS` in the row.
     """
     first = [k for k, line in enumerate(lines[:MOST_PREAMBLE]) if line.strip() and not line.startswith("#")]
-    for place, k in enumerate(first[:-2]):
-        mark = delimiter or next((one for one in DELIMITERS if one in lines[k]), None)
-        width, *below = (count_cells(lines[row], mark) for row in first[place : place + 3])
+    for order, k in enumerate(first[:-2]):
+        mark = delimiter or next((candidate for candidate in DELIMITERS if candidate in lines[k]), None)
+        width, *below = (count_cells(lines[row], mark) for row in first[order : order + 3])
         if width > 1 and below == [width, width]:
-            above = [count_cells(lines[row], mark) for row in first[:place]]
+            above = [count_cells(lines[row], mark) for row in first[:order]]
             return k if all(2 * count <= width for count in above) else 0
     return 0
 

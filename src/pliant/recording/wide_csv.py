@@ -24,10 +24,9 @@ from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
 from pliant.recording.cells import with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.column_names import parted_clock, pressures_named, standard_names, unitless_pressures
+from pliant.recording.column_names import CLOCKS, parted_clock, pressures_named, standard_names, unitless_pressures
 from pliant.recording.columns import changing_columns, kept_rows, read_columns, without_idle
 from pliant.recording.mapping import FileMapping, shorten
-from pliant.recording.named_columns import CLOCKS
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
 from pliant.recording.stated import WARNING, Reading, Stated
@@ -123,8 +122,8 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
     findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
     rows = metadata.get("rows")
     if isinstance(rows, tuple):
-        table, kept = kept_rows(table, rows, path.name)
-        findings += kept
+        table, row_notes = kept_rows(table, rows, path.name)
+        findings += row_notes
     columns = dict(zip(names, table.T, strict=True))
     stated = [Stated("rows", "its metadata", rows, len(table))] if isinstance(rows, int) else []
     return Reading(_recording(columns, metadata, path.name, findings), tuple(stated))
@@ -230,9 +229,9 @@ def _check_names(names: list[str], file: str) -> None:
         raise InputError(f"{file} has repeated column names: {shorten(repeated, 5)}: rename them")
     clocks = [n for n in names if n in CLOCKS]
     if len(clocks) != 1:
-        found = shorten(names, 8)
+        listing = shorten(names, 8)
         raise InputError(
-            f"{file} must have one column t (seconds), t_ms or t_us in its first row, but that row is: {found}; "
+            f"{file} must have one column t (seconds), t_ms or t_us in its first row, but that row is: {listing}; "
             "a table without such a header needs a mapping"
         )
 
@@ -275,8 +274,8 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
 
 
 def _station_labels(columns: dict[str, NDArray]) -> list[str]:
-    found = [m.group(2) for m in map(STATION_COLUMN.fullmatch, columns) if m]
-    labels = list(dict.fromkeys(found))
+    station_columns = [m.group(2) for m in map(STATION_COLUMN.fullmatch, columns) if m]
+    labels = list(dict.fromkeys(station_columns))
     numbers = {label: number for label in labels if (number := whole_number(label)) is not None}
     if len(numbers) < len(labels):
         return labels
@@ -338,26 +337,26 @@ def pressures_of(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str]
     column without a chamber name, such as ``p_kpa``, gives (T,) and no names. C columns, such as ``p_kpa_left``, give
     (T, C) and C names.
     """
-    found = {name: unit for name in columns if (unit := pressure_unit(name))}
+    units = {name: unit for name in columns if (unit := pressure_unit(name))}
     if "p" in columns:
         raise InputError("the column p does not state its unit: rename it p_kpa, p_bar, p_psi or p_pa")
-    if not found:
+    if not units:
         return None, None
-    values = [columns[name] * pascal_per(unit) for name, unit in found.items()]
-    if len(found) == 1 and next(iter(found)).count("_") <= 1:
+    values = [columns[name] * pascal_per(unit) for name, unit in units.items()]
+    if len(units) == 1 and next(iter(units)).count("_") <= 1:
         return values[0], None
-    return np.stack(values, -1), ["_".join(name.split("_")[2:]) or "p" for name in found]
+    return np.stack(values, -1), ["_".join(name.split("_")[2:]) or "p" for name in units]
 
 
 def _kept(metadata: dict[str, Any]) -> dict[str, Any]:
     names = ("frame", "nominal_pressure", "arc_length", "source", "source_format", "source_sha256",
              "angle_reference")  # fmt: skip
-    kept = {name: metadata[name] for name in names if name in metadata}
+    options = {name: metadata[name] for name in names if name in metadata}
     other = {k: v for k, v in metadata.items() if k not in KNOWN_METADATA}
-    kept["attrs"] = {k: v for k, v in metadata.get("attributes", {}).items() if k not in OWN}
+    options["attrs"] = {k: v for k, v in metadata.get("attributes", {}).items() if k not in OWN}
     if other:
-        kept["attrs"]["metadata"] = json.dumps(other, ensure_ascii=False)
-    return kept
+        options["attrs"]["metadata"] = json.dumps(other, ensure_ascii=False)
+    return options
 
 
 def _pressure_columns(recording: xr.Dataset) -> dict[str, NDArray]:
@@ -406,7 +405,7 @@ def read_text_table(path: Path, mapping: Mapping[str, Any] | None = None) -> Rea
     """Read a text table by a mapping of its columns or, without one, as a wide CSV if its first row names the time."""
     if not mapping:
         lines = read_text(path).split("\n")
-        line = next((one for one in lines[preamble_of(lines) :] if one.strip() and not one.startswith("#")), "")
+        line = next((row for row in lines[preamble_of(lines) :] if row.strip() and not row.startswith("#")), "")
         names = split_cells(line, find_delimiter(line, path.name))
         if any(name in CLOCKS for name in standard_names(names, path.name).names):
             return read_wide_csv(path)

@@ -5,8 +5,8 @@ and the joint angles over time.
 from pliant.reduction.links import LinkPlacement, links_of
 from pliant.reduction.order import select_order
 from pliant.reduction.order_result import OrderResult
-from pliant.reduction.reconstruct import curvature_profile, curvature_shape, spline_shape
+from pliant.reduction.reconstruct import spline_shape
 
 __all__ = [
-    "LinkPlacement", "OrderResult", "curvature_profile", "curvature_shape", "links_of", "select_order", "spline_shape",
+    "LinkPlacement", "OrderResult", "links_of", "select_order", "spline_shape",
 ]  # fmt: skip

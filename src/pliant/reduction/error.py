@@ -79,8 +79,8 @@ def frame_errors(body: BodyShape, maps: Sequence[SplineMap], metric: str = "arc"
     frames = len(body.time)
     largest, mean = np.empty((2, len(maps), frames))
     for rows, points in _chunks(body.position):
-        for k, one in enumerate(maps):
-            distance = _distances(one, points, body.tangent[rows], body.arc_length, metric)
+        for k, mapped in enumerate(maps):
+            distance = _distances(mapped, points, body.tangent[rows], body.arc_length, metric)
             largest[k, rows] = distance.max(axis=1)
             mean[k, rows] = distance.mean(axis=1)
     return largest, mean
@@ -171,11 +171,11 @@ def _nearest_on_grid(
     index = np.zeros(points.shape[1:], dtype=np.intp)
     steps = int(np.ceil(reach / np.diff(grid).min())) + 1
     for shift in range(-min(steps, grid.size - 1), min(steps, grid.size - 1) + 1):
-        at = np.clip(home + shift, 0, grid.size - 1)
-        squared = np.square(points - curve[:, :, at]).sum(axis=0)
+        cell = np.clip(home + shift, 0, grid.size - 1)
+        squared = np.square(points - curve[:, :, cell]).sum(axis=0)
         better = squared < best
         best[better] = squared[better]
-        index[better] = np.broadcast_to(at, index.shape)[better]
+        index[better] = np.broadcast_to(cell, index.shape)[better]
     return index
 
 

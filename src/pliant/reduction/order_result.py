@@ -155,8 +155,8 @@ class OrderResult(Shown):
     def summary(self) -> str:
         """Return the chosen number of links, the settings of the selection and the data used, as sentences."""
         kind = "at equal arc length" if self.metric == "arc" else "to the closest point"
-        place = "at equal lengths" if self.placement == "equal" else "where the largest error is smallest"
-        text = f"{self.reason} Error {kind}, joints {place}, {self.boundary} spline, {self.stations} stations"
+        where = "at equal lengths" if self.placement == "equal" else "where the largest error is smallest"
+        text = f"{self.reason} Error {kind}, joints {where}, {self.boundary} spline, {self.stations} stations"
         text += f" over {self.length * 1e3:.1f} mm."
         if self.frames_left_out:
             text += f" {self.frames_left_out} frame(s) with missing stations were left out."

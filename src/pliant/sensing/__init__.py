@@ -2,10 +2,10 @@
 
 from pliant.numerics.curve import planar_curve, spatial_curve
 from pliant.sensing.cores import read_shape
-from pliant.sensing.recording import point_covariance, shape_from_strain, tip_sigma
+from pliant.sensing.recording import shape_from_strain, tip_sigma
 from pliant.sensing.strain import CoreLayout, FibreState, curvature_from_strain
 
 __all__ = [
-    "CoreLayout", "FibreState", "curvature_from_strain", "planar_curve", "point_covariance", "read_shape",
+    "CoreLayout", "FibreState", "curvature_from_strain", "planar_curve", "read_shape",
     "shape_from_strain", "spatial_curve", "tip_sigma",
 ]  # fmt: skip

@@ -11,8 +11,7 @@ from pydantic import Field
 from pliant.errors import InputError, clipped
 from pliant.recording import read
 from pliant.recording.luna import combine_cores
-from pliant.recording.mapping import FileMapping
-from pliant.recording.per_file import options_of
+from pliant.recording.mapping import FileMapping, options_of
 from pliant.recording.schema import append_history, history_of
 from pliant.sensing.recording import shape_from_strain
 from pliant.sensing.strain import CoreLayout
@@ -98,7 +97,7 @@ def read_shape(path: str | Path, mapping: Mapping[str, Any] | None = None, *, fo
         if "strain" not in recording:
             raise InputError(f"{file.name} holds no strain, but its mapping describes the cores of a fibre: "
                              "leave cores out")  # fmt: skip
-    named = [one.assign_coords(core=[part]) for one, part in zip(recordings, cores.files, strict=False)]
+    named = [strain.assign_coords(core=[part]) for strain, part in zip(recordings, cores.files, strict=False)]
     joined = combine_cores(named) if len(named) > 1 else recordings[0]
     layout, count = cores.layout(), joined.sizes["core"]
     if count != layout.radius.size:

@@ -16,7 +16,7 @@ from pliant.sensing.strain import CoreLayout, curvature_from_strain
 
 if TYPE_CHECKING:
     import xarray as xr
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
 
@@ -66,17 +66,17 @@ def shape_from_strain(
     if sigma is not None:
         spacing = float(np.diff(s).mean())
         attrs["tip_sigma_m"] = tip_sigma(sigma * state.curvature_gain, spacing, float(s[-1] - s[0]))
-    seen = "measured" if state.sees_twist else "not measured by this layout, assumed zero"
+    twist = "measured" if state.sees_twist else "not measured by this layout, assumed zero"
     counted = f"{filled} missing strain value(s) interpolated, {lost} frame(s) unknown beyond a gap"
     history = [
         *history_of(recording),
-        f"shape from strain: {layout.radius.size} cores, common mode by {common_mode}, twist {seen}; {counted}",
+        f"shape from strain: {layout.radius.size} cores, common mode by {common_mode}, twist {twist}; {counted}",
     ]
-    kept = {k: v for k, v in recording.attrs.items() if k in ("source", "source_format", "source_sha256")}
+    attributes = {k: v for k, v in recording.attrs.items() if k in ("source", "source_format", "source_sha256")}
     nominal = recording.attrs.get("nominal_pressure")
     return make_recording(
         recording["time"].values, points, arc_length=s - s[0], history=history, attrs=attrs,
-        nominal_pressure=nominal, **kept, **input_arguments(recording),
+        nominal_pressure=nominal, **attributes, **input_arguments(recording),
     )  # fmt: skip
 
 
@@ -118,35 +118,3 @@ def tip_sigma(sigma_curvature: float, spacing: float, length: float) -> float:
         Distance between samples, and length of the fibre.
     """
     return float(sigma_curvature * np.sqrt(spacing * length**3 / 3))
-
-
-def point_covariance(
-    points: ArrayLike, sigma_curvature: float, *, sigma_base_angle: float = 0.0, sigma_bias: float = 0.0
-) -> Array:
-    """Return the covariance matrix (S, 2, 2) [m^2] of the position of each of S points on a planar curve, from the
-    errors of its measured curvature. It is accurate to first order.
-
-    delta p_k = sum_{j<=k} J (p_k - p_j) delta kappa_j ds_j + J (p_k - p_0) delta phi_0,  J = [[0, -1], [1, 0]]
-
-    Parameters
-    ----------
-    points : (S, 2) array, m
-        Points of the curve, from the base.
-    sigma_curvature : float, 1/m
-        Standard deviation of the independent error of each curvature sample.
-    sigma_base_angle : float, rad
-        Standard deviation of the tangent angle at the base.
-    sigma_bias : float, 1/m
-        Standard deviation of a curvature error that is common to all samples.
-    """
-    p = np.asarray(points, dtype=np.float64)
-    ds = np.linalg.norm(np.diff(p, axis=0), axis=1)
-    share = np.concatenate((ds[:1] / 2, (ds[1:] + ds[:-1]) / 2, ds[-1:] / 2))  # trapezoidal weight of a sample
-    arm = p[:, None, :] - p[None, :, :]
-    lever = np.stack([-arm[..., 1], arm[..., 0]], axis=2) * (share * np.tri(len(p)))[..., None]
-    covariance = sigma_curvature**2 * np.einsum("kja,kjb->kab", lever, lever)
-    shared = lever.sum(axis=1)
-    turned = np.stack([-(p - p[0])[:, 1], (p - p[0])[:, 0]], axis=1)
-    for sigma, direction in ((sigma_bias, shared), (sigma_base_angle, turned)):
-        covariance += sigma**2 * direction[:, :, None] * direction[:, None, :]
-    return np.asarray(covariance)

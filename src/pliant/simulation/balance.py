@@ -16,9 +16,9 @@ import xarray as xr
 from pliant.equations.memory import memory_stored
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.simulation.accuracy import LIMIT, AccuracyWarning
 from pliant.simulation.initial_value import Marched
-from pliant.simulation.memory import laws_of, memory_energy
+from pliant.simulation.state import laws_of, memory_energy
+from pliant.simulation.time_step import LIMIT, AccuracyWarning
 
 Array = np.ndarray
 MOST_MISSING = LIMIT  # of the exchanged energy, see `energy_defects`
@@ -133,10 +133,10 @@ def stored_energy(model: Model, x: Array, v: Array, states: Array) -> Array:
     """
     chain = mechanics_of(model)
     kinetic, elastic, weight = chain.energy(x, v)
-    q, K, held = chain.joint_coordinates(x), chain.joints.K, [0.0]
+    q, K, hysteresis = chain.joint_coordinates(x), chain.joints.K, [0.0]
     if model.memory:
-        held = [K[i] * memory_stored(i, q[i], states, law) for i, law in enumerate(laws_of(model))]
-    return np.array([kinetic, elastic, weight, sum(held)], dtype=float)
+        hysteresis = [K[i] * memory_stored(i, q[i], states, law) for i, law in enumerate(laws_of(model))]
+    return np.array([kinetic, elastic, weight, sum(hysteresis)], dtype=float)
 
 
 class EnergyWatch:

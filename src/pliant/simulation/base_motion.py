@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.mechanics import Mechanics
+from pliant.mechanics import Mechanics, mechanics_of
 from pliant.mechanics.reaction import point_carried
 from pliant.model import Model
 from pliant.preprocessing.rotations import continuous, to_matrix
@@ -78,12 +78,12 @@ class BaseMotion:
             raise InputError("a base motion needs positions (time, 2), or (time, 3) in space, with one row for each "
                              f"time, got shapes {position.shape} and {time.shape}")
         flat = position.shape[1] == 2
-        given, other = (self.angle, self.quaternion) if flat else (self.quaternion, self.angle)
+        stated, other = (self.angle, self.quaternion) if flat else (self.quaternion, self.angle)
         if other is not None:
             raise InputError("a base motion in the plane has an angle, and one in space a quaternion: give this one")
         rest: Any = 0.0 if flat else [0.0, 0.0, 0.0, 1.0]
         shape = (time.size,) if flat else (time.size, 4)
-        turn = np.broadcast_to(rest, shape).copy() if given is None else np.array(given, dtype=float)
+        turn = np.broadcast_to(rest, shape).copy() if stated is None else np.array(stated, dtype=float)
         if turn.shape != shape:
             raise InputError(f"the {'angle' if flat else 'quaternion'} of a base motion must have the shape {shape}, "
                              f"got {turn.shape}")
@@ -247,7 +247,8 @@ def check_base(model: Model, base: BaseMotion) -> None:
     """Raise InputError unless `base` is a motion of the base in the plane or the space in which the model moves."""
     if not isinstance(base, BaseMotion):
         raise InputError(f"base must be a BaseMotion, with times and poses of the base, got {base!r:.60}")
-    needed, where = (3, "space") if model.space else (2, "a plane")
+    needed = mechanics_of(model).dimension
     if base.dimension != needed:
+        where = "space" if needed == 3 else "a plane"
         raise InputError(f"model {model.name!r} moves in {where}, but the motion of its base has {base.dimension} "
                          f"coordinates: give {needed}")

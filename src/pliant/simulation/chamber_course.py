@@ -15,7 +15,7 @@ from pliant.compiler.choose import dual_twin
 from pliant.equations import symbols
 from pliant.equations.symbols import Lag
 from pliant.model import ActuationInput, Valve
-from pliant.simulation import opening_loops, pressure_loops
+from pliant.simulation import pressure_loops
 from pliant.simulation.pressure_loops import UNLIMITED
 
 Array = np.ndarray
@@ -101,7 +101,7 @@ def pass_valve(run: Twin, valve: Valve, constants: ValveConstants, lengths: Any,
     elif valve.rise_time or valve.fall_time:
         run(pressure_loops.first_order_valve)(lengths, constants.lag.rise, constants.lag.fall, constants.before, p)
     if valve.opening_time:
-        run(opening_loops.through_opening)(lengths, constants.opening_time, constants.before, p)
+        run(pressure_loops.through_opening)(lengths, constants.opening_time, constants.before, p)
     if valve.settle_share:
         run(pressure_loops.settle)(lengths, constants.settle_share, constants.settle_time, constants.before, p)
 

@@ -126,9 +126,9 @@ class Layout:
             else:  # arithmetic on whole arrays, which needs no compilation before the first simulation
                 impulse = self.intervals.lengths * mean_of_law(Interval(*behind.T), chamber.kernel().law)
                 torque = np.add.reduceat(impulse, self.intervals.first[:-1]) / self.intervals.h
-            shown = np.append(behind[self.at[:-1], 0], behind[-1, 2])
-            stretch = grown[self.at] ** 0.25 if chamber.grows else np.ones_like(shown)
-            self._driven[key] = Driven(torque, shown, stretch)
+            levels = np.append(behind[self.at[:-1], 0], behind[-1, 2])
+            stretch = grown[self.at] ** 0.25 if chamber.grows else np.ones_like(levels)
+            self._driven[key] = Driven(torque, levels, stretch)
         return self._driven[key]
 
     def jump_slope(self, c: int, k: int) -> Array | None:
@@ -145,11 +145,11 @@ class Layout:
         i = int(np.searchsorted(corners, moment))
         if not (0 < i < corners.size - 1 and corners[i] == moment):
             return None
-        first, at, last = np.searchsorted(nodes, corners[i - 1 : i + 2])
-        if self.keep[at - 1] >= 0:
+        first, corner, last = np.searchsorted(nodes, corners[i - 1 : i + 2])
+        if self.keep[corner - 1] >= 0:
             return None
         slope = np.zeros(nodes.size - 1)
-        slope[first:at], slope[at:last] = 1.0 / (at - first), -1.0 / (last - at)
+        slope[first:corner], slope[corner:last] = 1.0 / (corner - first), -1.0 / (last - corner)
         return slope
 
     def torque_slopes(self, chambers: Sequence[ActuationInput], rows: Array, h: Array) -> Array:
@@ -174,13 +174,13 @@ def inputs_of(model: Model, pressure: Any) -> tuple[Input, ...]:
         When an object is not an input, or their number is not that of the chambers.
     """
     many = tuple(pressure) if isinstance(pressure, Sequence) else (pressure,)
-    for one in many:
-        if not all(hasattr(one, name) for name in ("__call__", "jumps", "breakpoints")):
-            raise InputError(f"pressure must be an input, like Pulse(level) or Trace(time, pressure), got {one!r:.60}")
+    for what in many:
+        if not all(hasattr(what, name) for name in ("__call__", "jumps", "breakpoints")):
+            raise InputError(f"pressure must be an input, like Pulse(level) or Trace(time, pressure), got {what!r:.60}")
     if len(many) != model.actuation.count:
         pressed = model.actuation.variable == "pressure"
-        one = "pressure input(s), one for each chamber" if pressed else "inputs, one for each"
-        raise InputError(f"model {model.name!r} needs {model.actuation.count} {one} ({model.actuation.listing}) in "
+        what = "pressure input(s), one for each chamber" if pressed else "inputs, one for each"
+        raise InputError(f"model {model.name!r} needs {model.actuation.count} {what} ({model.actuation.listing}) in "
                          f"this order, got {len(many)}")  # fmt: skip
     return many
 
@@ -234,12 +234,12 @@ def check_times(times: Array) -> Array:
 def driven(model: Model, layout: Layout) -> Drive:
     """Return the time steps of `layout` with the mean torques of the model's chambers in them."""
     columns = [layout.driven(c, chamber) for c, chamber in enumerate(model.chambers)]
-    torque, shown, stretch = (np.column_stack(rows) for rows in zip(*columns, strict=True))
+    torque, levels, stretch = (np.column_stack(rows) for rows in zip(*columns, strict=True))
     grows = any(c.grows for c in model.chambers)
     gain = np.array(model.actuation.columns)
     initial = np.array([layout.resting(c, chamber.valve) for c, chamber in enumerate(model.chambers)])
     none = np.zeros((0, *mechanics_of(model).no_loads().shape))
-    return Drive(layout.intervals.h, torque, gain, layout.keep, shown, initial, stretch if grows else None, none,
+    return Drive(layout.intervals.h, torque, gain, layout.keep, levels, initial, stretch if grows else None, none,
                  layout)  # fmt: skip
 
 

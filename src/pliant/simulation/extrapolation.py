@@ -11,9 +11,9 @@ import numpy as np
 
 from pliant.errors import InputError, SimulationError
 from pliant.model.features import HYSTERESIS, RESTING, Consumer
-from pliant.simulation.accuracy import distance
 from pliant.simulation.drive import Drive, drive, grade, merge, subdivide
 from pliant.simulation.initial_value import InitialValueProblem, Marched, Solution
+from pliant.simulation.time_step import distance
 
 Array = np.ndarray
 MOST_STEPS = 4_000_000  # of one stage

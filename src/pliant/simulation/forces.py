@@ -44,19 +44,19 @@ def checked(whose: str, force: PointForce, dimension: int = 2) -> PointForce:
 def station_of(model: Model, force: PointForce) -> Station:
     """Return the point of the chain at which a known force acts, as a `Station`."""
     if isinstance(force.at, Station):
-        place = force.at
+        point = force.at
     else:
         points = {p.name: p for p in model.points}
         if force.at not in points:
             raise InputError(
                 f"a known force acts at {force.at!r}, but the model's points are {', '.join(points)}: use one of these"
             )
-        place = points[force.at]
-    if not 0 <= place.link < model.n:
+        point = points[force.at]
+    if not 0 <= point.link < model.n:
         raise InputError(
-            f"a known force acts on link {place.link + 1}, but the model has links 1 to {model.n}: use one of these"
+            f"a known force acts on link {point.link + 1}, but the model has links 1 to {model.n}: use one of these"
         )
-    return place
+    return point
 
 
 def link_loads(model: Model, forces: Sequence[PointForce], values: Array) -> Array:

@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.equations.symbols import Past
 from pliant.errors import SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.lengths import check_lengths
 from pliant.model import Model
-from pliant.simulation import march_loops, memory, state
+from pliant.simulation import march_loops, state
 from pliant.simulation.base_motion import BaseMotion, base_rows, check_base, resting_load
 from pliant.simulation.chamber_course import delivered
 from pliant.simulation.drive import Drive, before, check_times, drive, inputs_of, too_fast
@@ -57,7 +56,7 @@ class InitialValueProblem(NamedTuple):
         q = state.equilibrium(model, self.initial, link_load=load) if rest else state.vector(model, angle)
         dq = np.zeros(model.size) if rate is None else state.vector(model, rate)
         start = mechanics_of(model).coordinates(q), mechanics_of(model).rates(dq)
-        return self._replace(start=start, states=memory.first_states(model, q, states))
+        return self._replace(start=start, states=state.first_states(model, q, states))
 
     def plan(self, time_step: float, times: Array | None = None) -> Drive:
         """Return time steps of at most `time_step` that end at all `times`, with the mean torques and forces in them.
@@ -163,7 +162,7 @@ def march(
     check_lengths(chain, x=start[0], v=start[1], torque=plan.gain)
     if states is None and model.memory:
         states = state.relaxed(model, chain.joint_coordinates(start[0]))
-    past = () if states is None else (Past(model.memory.law(), states.copy(), chain.held()),)
+    past = () if states is None else chain.past(states.copy())
     out = march_loops.rows_for(rows, model.size, (model.n, 0) if states is None else states.shape, 2 + len(past))
     out.phi[0], out.w[0] = start
     if states is not None:

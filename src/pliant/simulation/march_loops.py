@@ -137,9 +137,9 @@ def take_torques(h, command, drives, tau):
         valve = drives.valve
         lag = Lag(valve[c, 0], valve[c, 1], valve[c, 2], valve[c, 3])
         p = held_interval(h, command[c], lag, drives.pressure[c])
-        made = advance_one(c, h, p, drives.actuation, drives.state)
+        torque = advance_one(c, h, p, drives.actuation, drives.state)
         drives.pressure[c] = p.end
-        share_out(c, made, drives.actuation.gain, tau)
+        share_out(c, torque, drives.actuation.gain, tau)
 
 
 def held_step(phi, w, h, command, drives, body, joints, work):
@@ -183,7 +183,7 @@ def hold(phi, w, held, drives, body, joints, work, past=None):
     mass, springs, scratch = Body(*body), Joints(*joints), Workspace(*work)
     if past is not None:
         memory, branches, before = past
-        own = Past(MemoryLaw(*memory), branches, Held(*before[:-1], Joints(*before[-1])))
+        hysteresis = Past(MemoryLaw(*memory), branches, Held(*before[:-1], Joints(*before[-1])))
     for k in range(steps):
         take_torques(h, command, chambers, scratch.tau)
         if len(load) > 0:
@@ -192,7 +192,7 @@ def hold(phi, w, held, drives, body, joints, work, past=None):
         if past is None:  # Numba compiles one of the two branches
             step(phi, w, h, scratch.tau, mass, springs, scratch)
         else:
-            lost = step_with_memory(phi, w, h, scratch.tau, mass, springs, own, scratch)
+            lost = step_with_memory(phi, w, h, scratch.tau, mass, springs, hysteresis, scratch)
         if not (lost >= 0.0 and follows(phi, w, h, springs)):
             return k
         add_step_work(w, h, scratch.tau, springs, scratch, total)

@@ -51,10 +51,10 @@ def solve_reference(
     from scipy.integrate import solve_ivp  # slow import, not needed by the default method
 
     refuse_unfollowed(model, method)
-    at, inputs = layout(model), inputs_of(model, pressure)
+    rows, inputs = layout(model), inputs_of(model, pressure)
     bends = [p.breakpoints + c.valve.dead_time for p, c in zip(inputs, model.chambers, strict=True)]
     corners = merge(times[[0, -1]], np.concatenate(bends), 1e-9 * (times[-1] - times[0]))
-    y, atol = first(model, at, start), tolerances(at, rtol)
+    y, atol = first(model, rows, start), tolerances(rows, rtol)
     out = np.empty((times.size, y.size))
     out[0] = y
     for left, right in pairwise(corners):
@@ -66,7 +66,7 @@ def solve_reference(
             events=softest(model),
         )
         if solution.status == 1:
-            lost = given_way(model, solution.y_events[0][0][at.phi], 1e-6)
+            lost = given_way(model, solution.y_events[0][0][rows.phi], 1e-6)
             raise SimulationError(f"{solution.t_events[0][0] - times[0]:.6g} s after the start {lost}")
         if not solution.success or not np.isfinite(solution.y).all():
             raise SimulationError(
@@ -74,13 +74,13 @@ def solve_reference(
             )
         out[due] = solution.y[:, : due.size].T
         y = solution.y[:, -1]
-    kept = np.zeros((times.size, *start.memory.shape))
+    memory = np.zeros((times.size, *start.memory.shape))
     creep = len(model.memory.creep_share)
-    kept[:, :, :creep] = out[:, at.creep].reshape(times.size, mechanics_of(model).remembering, creep)
+    memory[:, :, :creep] = out[:, rows.creep].reshape(times.size, mechanics_of(model).remembering, creep)
     work = np.zeros((times.size, 3))
-    work[:, : 2 + at.remembers] = out[:, at.work : at.size]
-    stretch = np.stack([out[:, c.stretch].sum(axis=1) ** 0.25 for c in at.chambers], axis=1)
-    return out[:, at.phi], out[:, at.w], work, kept, stretch
+    work[:, : 2 + rows.remembers] = out[:, rows.work : rows.size]
+    stretch = np.stack([out[:, c.stretch].sum(axis=1) ** 0.25 for c in rows.chambers], axis=1)
+    return out[:, rows.phi], out[:, rows.w], work, memory, stretch
 
 
 SCIPY = SPRINGS | LAWS | WALLS | FIRST_ORDER | IN_SPACE | TENDONS | {
@@ -153,15 +153,15 @@ def layout(model: Model) -> StateLayout:
     angles, and their rates follow the angular rates.
     """
     n, branches = model.size, len(model.memory.creep_share)
-    places, end = [], 2 * n
+    slices, end = [], 2 * n
     for c in model.chambers:
         slow = end + 2
         stretch = slow + c.swells
-        places.append(Place(end, end + 1, slice(slow, stretch), slice(stretch, stretch + c.grows)))
+        slices.append(Place(end, end + 1, slice(slow, stretch), slice(stretch, stretch + c.grows)))
         end = stretch + c.grows
     work = end + mechanics_of(model).remembering * branches
     return StateLayout(
-        slice(0, n), slice(n, 2 * n), tuple(places), slice(end, work), work, branches > 0, work + 2 + (branches > 0)
+        slice(0, n), slice(n, 2 * n), tuple(slices), slice(end, work), work, branches > 0, work + 2 + (branches > 0)
     )
 
 
@@ -176,36 +176,37 @@ def right_hand_side(
 
     The Jacobian is None for models with creep, viscoelastic lag, inflation or tendons: the solver then approximates it.
     """
-    at = layout(model)
+    rows = layout(model)
     chain = mechanics_of(model)
     body, joints, scratch = chain.parts()
     accelerate = chain.acceleration()
     gain = model.actuation.columns
     a, torque = np.empty(model.size), np.empty(gain.shape[1])
-    chambers = [(c.kernel(), place) for c, place in zip(model.chambers, at.chambers, strict=True)]
+    chambers = [(c.kernel(), part) for c, part in zip(model.chambers, rows.chambers, strict=True)]
     slack = 1e-9 * (right - left)
 
     def valve(c: int, t: float, y: Array) -> tuple[float, Array, Array]:
         behind = model.chambers[c].valve
         u = float(inputs[c](min(max(t, left + slack), right - slack) - behind.dead_time))
-        return behind_valve(behind, u, y[at.chambers[c].p : at.chambers[c].dp + 1])
+        return behind_valve(behind, u, y[rows.chambers[c].p : rows.chambers[c].dp + 1])
 
     def rhs(t: float, y: Array) -> Array:
-        phi, w = y[at.phi].copy(), y[at.w].copy()
+        phi, w = y[rows.phi].copy(), y[rows.w].copy()
         moved = []
-        for c, (own, place) in enumerate(chambers):
+        for c, (law, part) in enumerate(chambers):
             p, rates, _ = valve(c, t, y)
-            chamber_torque, slow_rates = torque_and_rates(own, p, y[place.slow], y[place.stretch])
+            chamber_torque, slow_rates = torque_and_rates(law, p, y[part.slow], y[part.stretch])
             share_out(c, chamber_torque, gain, torque)
             moved += [rates, *slow_rates]
-        seen, crept, lost = crept_springs(chain, model.memory, phi, y[at.creep]) if at.remembers else (joints, [], [])
-        accelerate(phi, w, torque, body, seen, scratch, a)
+        remembered = crept_springs(chain, model.memory, phi, y[rows.creep]) if rows.remembers else (joints, [], [])
+        springs, crept, lost = remembered
+        accelerate(phi, w, torque, body, springs, scratch, a)
         turning = chain.joint_rates(w)
         pull, rub = (scratch.pull, scratch.rub) if model.actuation.tendons else (0.0, 0.0 * turning)
         power = (torque[: model.size] + pull) @ turning, joints.D @ turning**2 - rub @ turning
         return np.concatenate([w, a, *moved, crept, [*power, *lost]])
 
-    if at.remembers or model.actuation.remembers or model.actuation.tendons:
+    if rows.remembers or model.actuation.remembers or model.actuation.tendons:
         return rhs, None
     return rhs, jacobian_of(model, valve)
 
@@ -245,7 +246,7 @@ def torque_and_rates(
 
 def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
     """Return a function for the exact Jacobian of the solver's states, for models without creep, lag or inflation."""
-    n, at, gain = model.size, layout(model), model.actuation.gain
+    n, rows, gain = model.size, layout(model), model.actuation.gain
     body, joints, scratch = mechanics_of(model).parts()
     solve = twin(ldl_solve)
     differentiate = mechanics_of(model).acceleration_jacobian()
@@ -268,7 +269,7 @@ def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
         J[-2:, n : 2 * n] = torques @ share, 2.0 * (joints.D * (T @ w)) @ T
         for c, (p, _, by_valve) in enumerate(behind):
             if by_valve.any():
-                column = at.chambers[c].p
+                column = rows.chambers[c].p
                 push = share[c] * model.chambers[c].law_slope(p)
                 J[-2, column] = push @ w
                 solve(scratch.A, push)

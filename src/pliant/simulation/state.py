@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from pliant.compiler.trace import CURVED
+from pliant.equations import memory as kernels
+from pliant.equations.symbols import MemoryLaw
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of, springs
 from pliant.mechanics.lengths import input_length
@@ -34,8 +36,8 @@ def relaxed(model: Model, q: Array) -> Array:
     memory, rows = model.memory, mechanics_of(model).remembering
     first = model.size - len(model.extensions)  # of the strains
     states = np.zeros((rows, max(len(memory.labels), len(memory.axial.labels)) + (not memory.boucwen_share)))
-    for law, own in ((memory, slice(0, min(first, rows))), (memory.axial, slice(first, rows))):
-        states[own, : len(law.creep_share)] = q[own, None]
+    for law, part in ((memory, slice(0, min(first, rows))), (memory.axial, slice(first, rows))):
+        states[part, : len(law.creep_share)] = q[part, None]
     return states
 
 
@@ -204,7 +206,7 @@ def holding_inputs(model: Model, q: Array) -> Array:
     weight = SLIGHT * float(np.abs(effect).max()) * np.eye(len(cords))
     rows = np.concatenate([effect, weight]), np.append(-slack, weight @ rest)
     net = lsq_linear(*rows, bounds=(lowest, np.inf), tol=1e-14).x
-    values = [commanded(force, still[own]) for force, own in zip(net, cords, strict=True)]
+    values = [commanded(force, still[cord]) for force, cord in zip(net, cords, strict=True)]
     torque = np.asarray(values @ actuation.columns)
     if np.abs(chain.static_forces(x, torque)).max() > HELD * np.abs(slack).max():
         raise InputError(
@@ -273,15 +275,15 @@ def typical_pressure(model: Model, which: int = 0) -> float:
                 return 0.0
             low, high, target = 0.0, low, 0.9 * bend
             break
-    held = bend is not None
+    stable = bend is not None
     for _ in range(30):
         middle = 0.5 * (low + high)
         bend = bent(model, middle, rest, which)
         if bend is None or bend >= target:
-            high, held = middle, bend is not None
+            high, stable = middle, bend is not None
         else:
             low = middle
-    return float(f"{low if held else 0.8 * low:.2g}")
+    return float(f"{low if stable else 0.8 * low:.2g}")
 
 
 def first_alone(model: Model, pressure: float, which: int = 0) -> np.ndarray:
@@ -301,3 +303,75 @@ def bent(model: Model, pressure: float, rest: np.ndarray, which: int = 0) -> flo
     except SimulationError:
         return None
     return float(np.linalg.norm(q[: 2 * model.n].reshape(-1, 2).sum(axis=0)) if model.space else abs(q.sum()))
+
+
+Entry = tuple[tuple[str, ...], Array]
+
+
+def first_states(model: Model, q0: Array, given: Array | None) -> Array:
+    """Return the initial hysteresis states: those `given` or, if None, those in equilibrium at the N joint coordinates
+    q0 (N,).
+    """
+    rest = relaxed(model, q0)
+    if given is None:
+        return rest
+    shape = (len(rest), max(len(model.memory.labels), len(model.memory.axial.labels)))
+    states = np.asarray(given, dtype=float)
+    if states.shape != shape:
+        rows = "joint and segment" if model.memory.has_axial else "joint"
+        raise InputError(
+            f"initial_memory must be angles of shape ({rows}, memory) = {shape}, got shape {states.shape}"
+        )
+    if bad := int((~np.isfinite(states)).sum()):
+        raise InputError(f"initial_memory must be finite, but {bad} of its {states.size} angles are not: correct them")
+    rest[:, : shape[1]] = states
+    return rest
+
+
+def laws_of(model: Model) -> list[MemoryLaw]:
+    """Return the hysteresis law of every coordinate that has hysteresis, first of the joints, then of the extensible
+    segments.
+    """
+    joints, axial, segments = model.memory.law(), model.memory.axial.law(), len(model.extensions)
+    rows = mechanics_of(model).remembering
+    return [axial if i >= model.size - segments else joints for i in range(rows)]
+
+
+def memory_energy(model: Model, x: Array, states: Array) -> Array:
+    """Return the energy (T,) [J] that hysteresis branches hold at T instants."""
+    chain = mechanics_of(model)
+    rows = chain.remembering
+    q, moved = chain.joint_coordinates(x)[:, :rows], np.moveaxis(states, 0, -1)  # (rows, branches, T)
+    stored = [kernels.memory_stored(i, q[:, i], moved, law) for i, law in enumerate(laws_of(model))]
+    return np.asarray(np.stack(stored, axis=1) @ chain.joints.K[:rows])
+
+
+def memory_torques(model: Model, x: Array, states: Array) -> Array:
+    """Return the torques [N m] of hysteresis against the bend, (T, m) of the first m coordinates at T instants."""
+    chain = mechanics_of(model)
+    rows = chain.remembering
+    q, moved = chain.joint_coordinates(x)[:, :rows], np.moveaxis(states, 0, -1)  # (rows, branches, T) for the kernels
+    laws = laws_of(model)
+    angle = np.stack([kernels.memory_angle(i, q[:, i], moved, laws[i]) for i in range(rows)], axis=1)
+    return np.asarray(chain.joints.K[:rows] * angle)
+
+
+def memory_outputs(model: Model, x: Array, states: Array) -> dict[str, Entry]:
+    """Return dataset variables, by name, for hysteresis states and torque; {} for a chain without hysteresis."""
+    if not model.memory:
+        return {}
+    chain = mechanics_of(model)
+    torque = memory_torques(model, x, states)
+    values: dict[str, Entry] = {}
+    for kind in chain.kinds:
+        if kind.over == "joint":
+            axis = kind.names[0].removeprefix("joint_angle")  # "" in a plane
+            values["memory_state" + axis] = (
+                ("time", "joint", "memory"), states[:, kind.rows, : len(model.memory.labels)],
+            )
+            values["memory_torque" + axis] = (("time", "joint"), torque[:, kind.rows])
+        elif model.memory.has_axial:
+            labels = model.memory.axial.labels
+            values["axial_memory_state"] = (("time", "segment", "axial_memory"), states[:, kind.rows, : len(labels)])
+            values["axial_memory_force"] = (("time", "segment"), torque[:, kind.rows] / model.segment_length)
+    return values

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pliant.compiler.choose import tuples, twin
-from pliant.equations.symbols import Past
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
@@ -108,8 +107,7 @@ class Stepper:
         )
         self._command = np.zeros(model.actuation.count)
         self._body, self._joints, self._work = mechanics_of(model).parts()
-        self._law, self._held = model.memory.law(), mechanics_of(model).held()
-        records: Any = type(self._body), type(self._joints), type(self._work), type(self._law)
+        records: Any = type(self._body), type(self._joints), type(self._work), type(model.memory.law())
         self._advance = twin(march_loops.of_records(march_loops.hold, *records), *mechanics_of(model).sizes)
         self.reset(pressure)
         self.step(pressure)  # compiled here
@@ -142,7 +140,7 @@ class Stepper:
         self.memory = state.relaxed(self.model, q)
         self._drives.pressure[:] = self.model.actuation.pressures(pressure)
         self._drives.state[:] = self.model.actuation.rest_state(pressure)
-        past = (Past(self._law, self.memory, self._held),) if model.memory else ()
+        past = mechanics_of(model).past(self.memory)
         self._parts = tuples((self._drives, self._body, self._joints, self._work, *past))
         self._load = mechanics_of(self.model).no_loads()[:0]
         self.time = 0.0
@@ -204,9 +202,9 @@ class Stepper:
         if force is None:
             self._load = mechanics_of(self.model).no_loads()[:0]
             return
-        place = self.model.points[-1] if at is None else at
+        point = self.model.points[-1] if at is None else at
         wanted = mechanics_of(self.model).dimension
-        pull = checked("Stepper", PointForce(np.zeros(1), np.atleast_2d(force), place), wanted)
+        pull = checked("Stepper", PointForce(np.zeros(1), np.atleast_2d(force), point), wanted)
         self._load = link_loads(self.model, [pull], pull.force[None])[0]
 
     def step(
@@ -227,8 +225,8 @@ class Stepper:
             When the pressure is not finite or a link moves too fast for the step; call `reset` before further steps.
         """
         self._command[:] = self._checked(pressure)
-        held = (self.time_step, steps, self._command, self._load, self._watch.total)
-        failed = self._advance(self._x, self._v, held, *self._parts)
+        arguments = (self.time_step, steps, self._command, self._load, self._watch.total)
+        failed = self._advance(self._x, self._v, arguments, *self._parts)
         self.time += self.time_step * (steps if failed < 0 else failed + 1)
         if failed >= 0:
             under = ", ".join(f"{p:.6g} {u}" for p, u in zip(self._command, self.model.actuation.units, strict=True))
@@ -275,14 +273,14 @@ class Stepper:
         InputError
             When the snapshot does not fit this model.
         """
-        held = (self._x, self._v, self.memory, self._drives.pressure, self._drives.state)
-        if [a.shape for a in held] != [b.shape for b in saved[:5]]:
+        arrays = (self._x, self._v, self.memory, self._drives.pressure, self._drives.state)
+        if [a.shape for a in arrays] != [b.shape for b in saved[:5]]:
             raise InputError(
                 f"this snapshot does not fit the model: the number of coordinates ({saved.angle.size} in the snapshot, "
                 f"{self._x.size} in the model), the hysteresis or the chambers differ: restore a snapshot of an equal "
                 "model"
             )
-        for own, value in zip(held, saved[:5], strict=True):
-            own[...] = value  # in place, since the compiled step refers to these arrays
+        for array, value in zip(arrays, saved[:5], strict=True):
+            array[...] = value  # in place, since the compiled step refers to these arrays
         self.time = saved.time
         self._watch.forget()

@@ -12,15 +12,13 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.identification import Experiment, experiment
 from pliant.preprocessing.align import align
-from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.cap import find_tip
 from pliant.preprocessing.curvature import curvature_of
 from pliant.preprocessing.cut import cut_body
 from pliant.preprocessing.side import ATTRIBUTE as SIDE
-from pliant.preprocessing.side import x_sign
+from pliant.preprocessing.side import alignment_of, x_sign
 from pliant.recording import make_recording
-from pliant.recording.base_pose import keep_base
-from pliant.recording.inputs import input_arguments
+from pliant.recording.inputs import input_arguments, keep_base
 from pliant.reduction import LinkPlacement, OrderResult, links_of, select_order
 from pliant.study.aligned import known_forces
 from pliant.study.schema import Fibre, Reduction, Study

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pliant.preprocessing.alignment import alignment_of
+from pliant.preprocessing.side import alignment_of
 from pliant.study.draft_inputs import LINKS
 from pliant.study.inspected import Inspected
 from pliant.study.shorthand import OPEN

@@ -13,9 +13,9 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.files import regular_file
 from pliant.recording import read, readers
-from pliant.recording.per_file import options_of, refuse_idle
+from pliant.recording.mapping import options_of, refuse_idle
+from pliant.recording.mat import trials_of
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
-from pliant.recording.trials import trials_of
 from pliant.sensing import read_shape
 from pliant.study.column_guess import TableGuess, guessed_table
 

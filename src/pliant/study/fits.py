@@ -32,8 +32,7 @@ from pliant.model import Model
 from pliant.selection import ModelSelection, select_model, terms_for
 from pliant.selection.result import RivalModel
 from pliant.selection.saved import SearchFile
-from pliant.simulation.accuracy import LIMIT, step_for, tip_error
-from pliant.simulation.time_step import nice
+from pliant.simulation.time_step import LIMIT, nice, step_for, tip_error
 from pliant.study.body import study_model
 from pliant.study.schema import Fit, SelectionEntry, Study
 from pliant.validation.metrics import compare

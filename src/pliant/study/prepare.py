@@ -16,7 +16,7 @@ from pliant.identification.from_recording import base_of
 from pliant.model import Model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
-from pliant.preprocessing.base_input import base_is_moved
+from pliant.preprocessing.base import base_is_moved
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.cut import cut_time
 from pliant.preprocessing.glitches import leave_out_glitches
@@ -29,7 +29,7 @@ from pliant.preprocessing.side import ATTRIBUTE, half_turn, planar_side
 from pliant.recording import read
 from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
-from pliant.recording.per_file import KEY
+from pliant.recording.mapping import KEY
 from pliant.recording.published import PREFIX
 from pliant.recording.schema import append_history, history_of
 from pliant.recording.typed_steps import held_sentences

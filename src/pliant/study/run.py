@@ -21,7 +21,7 @@ from pliant.identification import Experiment
 from pliant.identification.drives import at_rest
 from pliant.identification.starts import start_note
 from pliant.model import Model, save_model
-from pliant.preprocessing.alignment import alignment_of
+from pliant.preprocessing.side import alignment_of
 from pliant.selection import ModelSelection
 from pliant.selection.saved import SearchFile
 from pliant.study.aligned import Aligned

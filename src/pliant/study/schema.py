@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from pliant.errors import InputError, explain_validation, inside
-from pliant.file_kinds import MAPPING, STUDY, SWEEP, kind_of_file, refuse_other
-from pliant.files import read_entries
+from pliant.files import MAPPING, STUDY, SWEEP, kind_of_file, read_entries, refuse_other
 from pliant.identification.experiment import Excitation
 from pliant.identification.fit import parameters_from
 from pliant.identification.from_recording import Angles, Start

@@ -15,13 +15,13 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.numerics.ringdown import peak
 from pliant.preprocessing.align import DENSE_STATIONS, align
-from pliant.preprocessing.alignment import alignment_of
 from pliant.preprocessing.angles import from_rest
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.glitches import leave_out_glitches
 from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
+from pliant.preprocessing.side import alignment_of
 from pliant.recording.inputs import RecordedInput, recorded_inputs
 from pliant.sensing import read_shape
 from pliant.study.aligned import with_log

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pliant.failures import NotComputed
-from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
+from pliant.model.summary import PLACEMENT, bending_stiffness, joint_placement
 from pliant.study.schema import Targets
 from pliant.validation.baseline import better_sentence, plain_map_sentence
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, StudyOutcome

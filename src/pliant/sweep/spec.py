@@ -35,8 +35,8 @@ class Range(BaseModel):
     @model_validator(mode="after")
     def one_kind(self) -> Range:
         """Check that the entry of a swept parameter gives exactly one of a number, a list, a grid or a distribution."""
-        given = {n for n in ("value", "values", "low", "high", "count", "mean", "std") if getattr(self, n) is not None}
-        if given not in ({"value"}, {"values"}, {"low", "high", "count"}, {"low", "high"}, {"mean", "std"}):
+        named = {n for n in ("value", "values", "low", "high", "count", "mean", "std") if getattr(self, n) is not None}
+        if named not in ({"value"}, {"values"}, {"low", "high", "count"}, {"low", "high"}, {"mean", "std"}):
             raise ValueError("give a number; or values; or low, high and count; or low and high; or mean and std")
         if self.low is not None and self.high is not None and self.low >= self.high:
             raise ValueError(f"low {self.low} is not below high {self.high}")

@@ -45,8 +45,8 @@ class SweepResult:
             if a.dims == ("sample",) and name != "failed":
                 good = a.values[~bad & np.isfinite(a.values)]
                 quantiles = np.quantile(good, QUANTILES).tolist() if good.size else None
-                kept = dict(zip(("low", "median", "high"), quantiles, strict=True)) if quantiles else None
-                numbers[str(name)] = {**kept, "unit": a.attrs["units"]} if kept else None
+                quantile_row = dict(zip(("low", "median", "high"), quantiles, strict=True)) if quantiles else None
+                numbers[str(name)] = {**quantile_row, "unit": a.attrs["units"]} if quantile_row else None
         return {
             "samples": int(self.samples.sizes["sample"]), "failed_samples": int(bad.sum()), "numbers": numbers,
             "message": self.account.sentence(), "chunks": self.account.chunks, "computed": self.account.made,
@@ -138,9 +138,9 @@ def run_sweep(
     task = SweepTask(sweep, model, tuple(experiments), tuple(parameters), options, base, threads)
     account = run_chunks(task, store, maker, progress or (lambda _line: None), hired["count"])
     samples = store.combine(task.bounds)
-    for name, shown in (("tip", ("time", "axis")), ("final_tip", ("axis",))):
+    for name, dims in (("tip", ("time", "axis")), ("final_tip", ("axis",))):
         if name in samples:
-            samples[name] = (("sample", *shown), samples[name].values)
+            samples[name] = (("sample", *dims), samples[name].values)
     if "tip" in samples:
         clock, axes = np.arange(samples.sizes["time"]) / sweep.rate, list("xyz"[: samples.sizes["axis"]])
         samples = samples.assign_coords(time=clock, axis=axes)

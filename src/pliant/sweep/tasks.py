@@ -60,7 +60,7 @@ def simulated(task: SweepTask, first: int, last: int) -> Arrays:
     edges = {k: everything.pop(k, np.full(count, v)) for k, v in pulse.items()}  # for all chambers
     each = [{k: everything.pop(f"{name}.{k}", edges[k]) for k in PULSE} for name in names]  # or what one is given
     pulse_of = cache(Pulse)  # equal ones are one: samples then share their steps
-    pressures = [tuple(pulse_of(*(float(own[k][i]) for k in PULSE)) for own in each) for i in range(count)]
+    pressures = [tuple(pulse_of(*(float(sample[k][i]) for k in PULSE)) for sample in each) for i in range(count)]
     pressures = pressures[:1] if len(set(pressures)) == 1 else pressures
     times = np.arange(round(sweep.duration * sweep.rate) + 1) / sweep.rate
     time_step = sweep.time_step or shared_step([task.model])  # one for all chunks

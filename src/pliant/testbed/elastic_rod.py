@@ -74,17 +74,17 @@ def integrate(body: BodyInSpace, pressure: Array, *, every: int) -> tuple[Array,
         body.density, youngs_modulus=body.youngs_modulus, shear_modulus=body.youngs_modulus / 3.0,
     )  # fmt: skip
     rod.shear_matrix[2, 2] *= body.sleeve
-    world, kept = World(), list[tuple[Array, ...]]()
+    world, snapshots = World(), list[tuple[Array, ...]]()
     world.append(rod)
     world.constrain(rod).using(elastica.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
     world.add_forcing_to(rod).using(elastica.GravityForces, acc_gravity=np.array([0.0, 0.0, -GRAVITY]))
     world.add_forcing_to(rod).using(Pressures, body=body, pressure=pressure)
     world.dampen(rod).using(elastica.AnalyticalLinearDamper, uniform_damping_constant=body.damping,
                             time_step=body.time_step)  # fmt: skip
-    world.collect_diagnostics(rod).using(Keeper, every=every, kept=kept)
+    world.collect_diagnostics(rod).using(Keeper, every=every, kept=snapshots)
     world.finalize()
     steps = len(pressure) - 1
     elastica.integrate(elastica.PositionVerlet(), world, steps * body.time_step, steps, progress_bar=False)
-    position, directors, curvature = (np.array(a) for a in zip(*kept, strict=True))
+    position, directors, curvature = (np.array(a) for a in zip(*snapshots, strict=True))
     time = every * body.time_step * np.arange(len(position))
     return time, pressure[::every][: len(position)], position, directors, curvature

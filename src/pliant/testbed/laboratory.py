@@ -18,13 +18,10 @@ from pliant.errors import InputError, PliantError
 from pliant.recording import make_recording, read
 from pliant.recording.netcdf import write_netcdf
 from pliant.testbed import fibre as fibre_sensor
-from pliant.testbed.angle_sensor import FLEX, AngleSensor, observe_angle
-from pliant.testbed.contact import obstacle_rows
 from pliant.testbed.family import Member, member
-from pliant.testbed.fibre import FibreSensor
-from pliant.testbed.mocap import MotionCapture, marker_names, observe_markers
+from pliant.testbed.fibre import FibreSensor, body_angle, stretched
 from pliant.testbed.rod import RodParameters
-from pliant.testbed.scenarios import Scenario, scenario
+from pliant.testbed.scenarios import Scenario, obstacle_rows, scenario
 from pliant.testbed.stepping import RodMotion, simulate
 from pliant.testbed.truth import make_truth, read_truth, write_truth
 from pliant.testbed.valve import Iso6358, PressureSensor, SupplyRegulator, read_pressure, supply_pressure
@@ -33,6 +30,113 @@ Array = np.ndarray
 Output = Literal["position", "strain", "markers", "angle"]
 SUPPLY_STEP = 1.25e-5  # s, of the valve's equations
 RECORD = 1e-3  # s between two kept states
+
+
+BASE = ((0.02, -0.01, 0.0), (-0.02, -0.01, 0.0), (0.0, -0.01, 0.02))  # m, markers on the clamp
+
+
+FINE = 1e-3  # s, on which the sensor's lag is taken
+
+
+@dataclass(frozen=True)
+class AngleSensor:
+    """Settings of the emulated sensor, which measures one angle of the body relative to its base (SI units).
+
+    Values marked * are standard deviations over specimens.
+    """
+
+    name: str = "flex"
+    place: float = 1.0  # position as a fraction of the body's length
+    lag: float = 0.08  # s, first order
+    step: float = float(np.deg2rad(0.8))  # rad, resolution
+    noise: float = float(np.deg2rad(0.1))  # rad, white, before quantisation
+    drift: float = 0.0  # rad after a second, a random walk
+    gain_error: float = 0.01  # *
+    zero: float = 0.2  # rad, * reading of a straight body
+    rate: float = 20.0  # Hz
+
+    def __post_init__(self) -> None:
+        """Raise InputError for settings that are impossible for a sensor."""
+        if not 0 < self.place <= 1 or not self.rate > 0:
+            raise InputError(
+                f"an angle sensor needs 0 < place <= 1 and rate > 0, got place {self.place} and rate {self.rate}"
+            )
+        for name in ("lag", "step", "noise", "drift", "gain_error", "zero"):
+            if getattr(self, name) < 0:
+                raise InputError(f"angle sensor setting {name} must be >= 0, got {getattr(self, name)}")
+
+
+FLEX = AngleSensor()
+IMU = AngleSensor(
+    "imu", lag=0.02, step=float(np.deg2rad(0.06)), drift=float(np.deg2rad(0.05)), gain_error=0.0, zero=0.1
+)
+
+
+def observe_angle(
+    motion: RodMotion, p: RodParameters, sensor: AngleSensor, at: Array, specimen: np.random.Generator,
+    rng: np.random.Generator,
+) -> Array:
+    """Return the sensor's readings (T,) [rad] at the times `at` (T,) [s]."""
+    time = np.arange(0.0, at[-1] + FINE, FINE)
+    s, theta = body_angle(motion, p, time)
+    true = theta[:, np.argmin(np.abs(s - sensor.place * p.length))]
+    late = true.copy()
+    keep = np.exp(-FINE / sensor.lag) if sensor.lag > 0 else 0.0
+    rise = (1.0 - keep) * sensor.lag / FINE
+    for k in range(1, time.size):
+        late[k] = keep * late[k - 1] + (rise - keep) * true[k - 1] + (1.0 - rise) * true[k]
+    readings = (1.0 + sensor.gain_error * specimen.standard_normal()) * np.interp(at, time, late)
+    readings += sensor.zero * specimen.standard_normal() + sensor.noise * rng.standard_normal(at.size)
+    readings += sensor.drift * np.cumsum(rng.standard_normal(at.size) * np.sqrt(np.diff(at, prepend=at[0])))
+    return np.asarray(np.round(readings / sensor.step) * sensor.step if sensor.step > 0 else readings)
+
+
+@dataclass(frozen=True)
+class MotionCapture:
+    """A motion-capture system with markers on the convex side of the body and on the clamp (SI units)."""
+
+    markers: int = 5
+    stand_off: float = 0.014  # m, from the centreline
+    noise: float = 5e-5  # m, each axis
+    drop_out: float = 0.002  # probability, each marker and frame
+    rate: float = 100.0  # Hz
+
+
+def marker_names(mocap: MotionCapture) -> list[str]:
+    """Return the names of the markers: three on the base, then those on the body from base to tip."""
+    return [f"base_{k + 1}" for k in range(len(BASE))] + [f"body_{k + 1}" for k in range(mocap.markers)]
+
+
+def marker_positions(motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: Array) -> Array:
+    """Return the true positions (T, M, 3) [m] of M markers in the actuator's frame at T times `at` (T,) [s]."""
+    s, theta = body_angle(motion, p, at)
+    half = 0.5 * (theta[:, 1:] + theta[:, :-1])
+    step = np.diff(stretched(motion, p, at), axis=1)
+    zero = np.zeros((at.size, 1))
+    x = np.concatenate([zero, np.cumsum(-np.sin(half) * step, axis=1)], axis=1)
+    y = np.concatenate([zero, np.cumsum(np.cos(half) * step, axis=1)], axis=1)
+    on = np.round(np.arange(1, mocap.markers + 1) / mocap.markers * (s.size - 1)).astype(int)
+    out = np.zeros((at.size, len(BASE) + mocap.markers, 3))
+    out[:, : len(BASE)] = BASE
+    out[:, len(BASE) :, 0] = x[:, on] + mocap.stand_off * np.cos(theta[:, on])
+    out[:, len(BASE) :, 1] = y[:, on] + mocap.stand_off * np.sin(theta[:, on])
+    return out
+
+
+def observe_markers(
+    motion: RodMotion, p: RodParameters, mocap: MotionCapture, at: Array, rng: np.random.Generator
+) -> Array:
+    """Return noisy positions (T, M, 3) [m] of M markers at T times `at` (T,) [s], in a laboratory frame of random pose.
+    Lost markers are NaN.
+    """
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_quat(rng.standard_normal(4)).as_matrix()
+    shift = rng.uniform(-0.5, 0.5, 3)
+    out = marker_positions(motion, p, mocap, at) @ turn.T + shift
+    out += mocap.noise * rng.standard_normal(out.shape)
+    out[rng.random(out.shape[:2]) < mocap.drop_out] = np.nan
+    return np.asarray(out)
 
 
 @dataclass(frozen=True)
@@ -102,8 +206,8 @@ def run_rod(
     for c, (command, valve) in enumerate(both):
         loads[:, c] = supply_pressure(command, time, valve)[fine::fine]
     if case.pushes:
-        at, *force = np.array(case.pushes).T
-        loads[:, -3:-1] = np.stack([np.interp(time[fine::fine], at, f) for f in force], axis=1)
+        push_arcs, *force = np.array(case.pushes).T
+        loads[:, -3:-1] = np.stack([np.interp(time[fine::fine], push_arcs, f) for f in force], axis=1)
     rows = obstacle_rows(case.obstacles)
     return simulate(
         replace(rod, gravity=case.gravity), loads, case.time_step, stride=stride, obstacles=rows, progress=progress
@@ -188,9 +292,9 @@ def record(
         "chamber": [c.name for c in rod.chambers] if pressure.ndim == 2 else None,
     }  # fmt: skip
     if lab.output == "angle":  # one log: both are sampled together
-        shown = observe_angle(motion, rod, lab.angle, at, specimen, rng)
+        reading = observe_angle(motion, rod, lab.angle, at, specimen, rng)
         common |= {"pressure": np.apply_along_axis(lambda p: np.interp(at, clock, p), 0, pressure), "pressure_time": at}
-        return make_recording(at, angle=shown[:, None], station=["tip"], frame="planar", attrs=dict(attrs), **common)
+        return make_recording(at, angle=reading[:, None], station=["tip"], frame="planar", attrs=dict(attrs), **common)
     if lab.output == "markers":
         position = observe_markers(motion, rod, lab.mocap, at, rng)
         return make_recording(at, position, station=marker_names(lab.mocap), attrs=dict(attrs), **common)
@@ -202,9 +306,9 @@ def record(
     if lab.output == "strain":
         strain = fibre_sensor.core_strain(kappa, sensor, rng)
         strain[lost] = np.nan
-        place = np.arange(strain.shape[2]) * sensor.spacing
+        gauges = np.arange(strain.shape[2]) * sensor.spacing
         known |= {"core_radius": [0.0] + [sensor.core_radius] * 3, "core_angle": list(fibre_sensor.CORE_ANGLE)}
-        return make_recording(stamps, strain=strain, gauge_position=place, attrs=known, **common)
+        return make_recording(stamps, strain=strain, gauge_position=gauges, attrs=known, **common)
     position = fibre_sensor.place(fibre_sensor.integrate_shape(kappa, sensor.spacing), sensor, specimen)
     position[lost] = np.nan
     names = [f"{k:03d}" for k in range(position.shape[1])]
@@ -238,8 +342,8 @@ def generate_file(
         raise InputError(f"recordings of the test bed are netCDF: give a name ending in .nc, not {path.name!r}")
     if truth is not None and Path(truth).resolve() == path.resolve():
         raise InputError(f"recording and true motion need two different files, both are {path}")
-    adapted, who, own = resolved(case, body, lab)
-    key = content_key(adapted, who.body, seed, own)
+    adapted, who, settings = resolved(case, body, lab)
+    key = content_key(adapted, who.body, seed, settings)
     if is_current(path, key) and (truth is None or is_current(Path(truth), key, read_truth)):
         return False
     experiment = generate(case, body, seed, lab=lab, progress=progress)

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
-from pliant.testbed.contact import Circle, Wall, obstacle_rows
 from pliant.testbed.family import Member, member
 from pliant.testbed.rod import RodParameters, build_body
+from pliant.testbed.scenarios import Circle, Wall, obstacle_rows
 from pliant.testbed.stepping import Span, _clock, _out, _work, settle
 from pliant.testbed.valve import Iso6358, SupplyRegulator
 
@@ -149,8 +149,7 @@ class Plant:
             When the simulation does not converge.
         """
         from pliant.compiler.choose import twin
-        from pliant.testbed.stepping_loops import march
-        from pliant.testbed.valve_loops import regulate_on
+        from pliant.testbed.stepping_loops import march, regulate_on
 
         if np.size(command) != 1:
             raise InputError(

@@ -2,14 +2,67 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.testbed.contact import Circle, Wall
 
 Array = np.ndarray
+
+
+RIGID = 4.0e3  # N/m per 5 mm of touching body: the silicone yields before the post
+SLIP_SPEED = 1.0e-3  # m/s, below which friction is viscous
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A round post; a low `stiffness` makes it a soft spring."""
+
+    centre: tuple[float, float]  # m
+    radius: float  # m
+    stiffness: float = RIGID  # N/m per 5 mm of body
+    friction: float = 0.3
+
+    def row(self) -> list[float]:
+        """Return seven numbers that describe the post to the compiled time loop: kind, geometry (3), stiffness,
+        friction, slip speed.
+        """
+        return [0.0, *self.centre, self.radius, self.stiffness, self.friction, SLIP_SPEED]
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A solid half-plane ``normal . x <= offset``."""
+
+    normal: tuple[float, float]
+    offset: float  # m
+    stiffness: float = RIGID
+    friction: float = 0.3
+
+    def row(self) -> list[float]:
+        """Return seven numbers that describe the wall to the compiled time loop: kind, geometry (3), stiffness,
+        friction, slip speed.
+        """
+        return [1.0, *self.normal, self.offset, self.stiffness, self.friction, SLIP_SPEED]
+
+
+def obstacle_rows(obstacles: Sequence[Circle | Wall]) -> Array:
+    """Return an (O, 7) array of O obstacles. A row holds kind, geometry (3 numbers), stiffness, friction coefficient
+    and slip speed.
+
+    Raises
+    ------
+    InputError
+        When a normal is not of unit length or a radius or stiffness is not positive.
+    """
+    for item in obstacles:
+        if isinstance(item, Wall) and abs(float(np.hypot(*item.normal)) - 1.0) > 1e-9:
+            raise InputError(f"a wall's normal must have unit length, got {item.normal}")
+        if item.stiffness <= 0 or item.friction < 0 or (isinstance(item, Circle) and item.radius <= 0):
+            raise InputError(f"an obstacle needs radius and stiffness > 0 and friction >= 0, got {item}")
+    return np.array([item.row() for item in obstacles], dtype=float).reshape(-1, 7)
 
 
 @dataclass(frozen=True)
@@ -46,8 +99,8 @@ class Command:
             return np.asarray(np.append(0.0, level)[np.searchsorted(times, time, side="right")])
         inside = (time >= self.start) & (time < self.stop)
         wave = self._sweep(time - self.start) if self.wave == "chirp" else self._lines(time - self.start)
-        held = np.where(time >= 0.2, self.mean, 0.0)
-        return np.asarray(held + np.where(inside, self.amplitude * wave, 0.0))
+        levels = np.where(time >= 0.2, self.mean, 0.0)
+        return np.asarray(levels + np.where(inside, self.amplitude * wave, 0.0))
 
     def scaled(self, share: float) -> Command:
         """Return a copy of the command with every pressure multiplied by the factor `share`."""

@@ -119,11 +119,11 @@ def marker_recording(motion: MotionInSpace, seed: int, seen: Instruments | None 
     rng = np.random.default_rng(seed)
     middle = 0.5 * (motion.position[:, 1:] + motion.position[:, :-1])[:, list(seen.elements)]
     aside = np.einsum("i,tsij->tsj", np.array(seen.aside), motion.directors[:, list(seen.elements), :2])
-    place = np.concatenate([motion.position[:, :1], middle + aside], axis=1) @ TRACKER.T + ORIGIN
-    place = place + seen.marker_noise * rng.standard_normal(place.shape)
+    markers = np.concatenate([motion.position[:, :1], middle + aside], axis=1) @ TRACKER.T + ORIGIN
+    markers = markers + seen.marker_noise * rng.standard_normal(markers.shape)
     pressure = motion.pressure + seen.pressure_noise * rng.standard_normal(motion.pressure.shape)
     return make_recording(
-        motion.time, place, station=["base", *(f"m{k + 1}" for k in range(len(seen.elements) - 1)), "tip"],
+        motion.time, markers, station=["base", *(f"m{k + 1}" for k in range(len(seen.elements) - 1)), "tip"],
         pressure=pressure, chamber=["red", "green", "blue"], source=f"PyElastica, {name}, seed {seed}",
         attrs={"synthetic": "true"},
     )  # fmt: skip

@@ -150,7 +150,7 @@ def settle(
         Pressure of each chamber (Pa), force on the pushed node (x and y, N), couple on the last edge (N m).
         Default: zero loads.
     obstacles : (O, 7) array, optional
-        Rows of `pliant.testbed.contact.obstacle_rows`.
+        Rows of `pliant.testbed.scenarios.obstacle_rows`.
     increments : int
         Number of equal steps in which loads and gravity are applied.
 
@@ -257,13 +257,13 @@ def simulate(
     total = 0
     for first in range(0, steps, CHUNK):
         span = Span(first, min(first + CHUNK, steps), stride)
-        status, at, update, count = twin(march)(table, span, body, rows, state, clock, work, out)
+        status, step, update, count = twin(march)(table, span, body, rows, state, clock, work, out)
         total += count
         if status != 0:
             why = "did not converge" if status == 1 else "left the range where the section law is defined"
-            pressure = " and ".join(f"{p:.0f}" for p in table[at, :chambers])
+            pressure = " and ".join(f"{p:.0f}" for p in table[step, :chambers])
             raise SimulationError(
-                f"the rod {why} at {at * time_step:.4f} s, pressure {pressure} Pa, last update {update:.1e} m: "
+                f"the rod {why} at {step * time_step:.4f} s, pressure {pressure} Pa, last update {update:.1e} m: "
                 f"use a time_step shorter than {time_step:g} s or gentler loads"
             )
         if progress is not None:

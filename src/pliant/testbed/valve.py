@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.testbed.valve_loops import Gas, Spool, ValveLaw, fill_chamber, regulate
+from pliant.testbed.stepping_loops import Gas, Spool, ValveLaw, fill_chamber, regulate
 
 Array = np.ndarray
 

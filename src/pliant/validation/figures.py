@@ -113,12 +113,12 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
     pairs = [(f, r) for f in fits for r in f.records if r.name == record_name]
     if not pairs:
         raise InputError(f"no fit has the record {record_name!r}: check its name")
-    shown, letters = pairs[:MOST_FITS], int(13.4 * WIDTH.get())
+    drawn, letters = pairs[:MOST_FITS], int(13.4 * WIDTH.get())
     names, unit, factor = axes_of(pairs[0][1].experiment.shown_in[0], pairs[0][1].experiment.dimension)
     with drawing():
         figure = Figure(figsize=(WIDTH.get(), 4.2), layout="constrained")
-        axes = figure.subplots(len(names) + 1, len(shown), sharex=True, sharey="row", squeeze=False)
-        for column, (fit, record) in zip(axes.T, shown, strict=True):
+        axes = figure.subplots(len(names) + 1, len(drawn), sharex=True, sharey="row", squeeze=False)
+        for column, (fit, record) in zip(axes.T, drawn, strict=True):
             exp = record.experiment
             for axis in range(len(names)):
                 measured(column[axis], exp.time, factor * exp.last_station[:, axis])
@@ -128,10 +128,10 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
             column[-1].plot(*thin(exp.time, distance), color="black", linestyle="-", linewidth=0.7, label="distance")
             column[-1].set_xlabel("time (s)")
             rmse = f"RMSE {digits(sized(record.metrics, 'rmse')[0])} {unit}"
-            wide = letters // len(shown)
+            wide = letters // len(drawn)
             column[0].set_title(f"{fill(clip(fit.title), wide)}\n{ROLE[record.role]}:\n{rmse}", fontsize="small")
         axes[-1, 0].set_ylim(0, None)
-        last = clip(readable(shown[0][1].experiment.stations[-1]), 18)
+        last = clip(readable(drawn[0][1].experiment.stations[-1]), 18)
         for ax, what in zip(axes[:, 0], (*(f"{last} {name}" for name in names), "distance"), strict=True):
             ax.set_ylabel(f"{what} ({unit})")
         figure.align_ylabels()
@@ -235,15 +235,15 @@ def draw_path(ax: Axes, record: RecordOutcome, view: tuple[int, int]) -> None:
     measured = np.isfinite(exp.last_station).all(axis=1)
     ax.plot(*(1e3 * position[:, -1]).T, **MEASURED if measured.sum() > SPARSE else MEASURED_POINTS)
     ax.plot(*(1e3 * modelled[:, -1]).T, **MODELLED)
-    shown = instants(exp.last_station) if len(exp.stations) > 1 else []
-    for k in shown:
-        first = k == shown[0]
+    frames = instants(exp.last_station) if len(exp.stations) > 1 else []
+    for k in frames:
+        first = k == frames[0]
         chain = 1e3 * np.vstack([np.zeros((1, 2)), modelled[k]])
         ax.plot(*chain.T, color="0.15", linestyle="-", linewidth=0.8, marker="o", markersize=4,
                 markerfacecolor="white", label="modelled stations" if first else None)
         ax.plot(*(1e3 * position[k]).T, linestyle="", marker="+", color="black", markersize=7,
                 label="measured stations" if first else None)
-        if k in (shown[0], shown[-1]) and view[0] == 0:
+        if k in (frames[0], frames[-1]) and view[0] == 0:
             ax.annotate(f"{exp.time[k]:.2f} s", chain[-1], textcoords="offset points", xytext=(0, 9), fontsize=7,
                         ha="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5})
     ax.plot(*(1e3 * position[measured, -1][0]), marker="s", markersize=5, color="black", markerfacecolor="none",
@@ -338,9 +338,9 @@ def draw_inputs(ax: Axes, record: RecordOutcome) -> None:
     mixed = len(set(record.units)) > 1
     for k, (name, trace) in enumerate(exp.traces.items()):
         near = (trace.time >= exp.time[0]) & (trace.time <= exp.time[-1])
-        own, shown = input_words([record.unit_of(name)])
-        unit_of_line = f" ({shown})" if mixed else ""
-        line = MEASURED | {"label": f"measured {own}{name and f', {name}'}{unit_of_line}",
+        name_word, display_unit = input_words([record.unit_of(name)])
+        unit_of_line = f" ({display_unit})" if mixed else ""
+        line = MEASURED | {"label": f"measured {name_word}{name and f', {name}'}{unit_of_line}",
                            "color": f"{0.57 - 0.12 * (k % 4):.2f}"}  # fmt: skip
         ax.plot(*thin(trace.time[near], shown_in(record.unit_of(name))[0] * trace.pressure[near]), **line)
     if exp.pressure is None:
@@ -348,8 +348,8 @@ def draw_inputs(ax: Axes, record: RecordOutcome) -> None:
                    label=f"nominal {word}")  # fmt: skip
     behind = "the valve" if word == "pressure" else "its lag"
     modelled = MODELLED | {"color": "black", "linestyle": (0, (5, 1.5)), "label": f"{word} behind {behind}"}
-    for column, own in zip(record.pressure.T, record.units, strict=True):
-        ax.plot(*thin(exp.time, shown_in(own)[0] * column), **modelled)
+    for column, name_word in zip(record.pressure.T, record.units, strict=True):
+        ax.plot(*thin(exp.time, shown_in(name_word)[0] * column), **modelled)
     ax.set_ylabel(f"{word}\n({unit})")
 
 

@@ -73,13 +73,13 @@ def write_lerobot(sides: Sides, folder: Path, fps: int = 0) -> tuple[str, ...]:
     fps = fps or max(1, round(min(1.0 / float(np.median(np.diff(s.time))) for s in sides.sides)))
     episodes, notes, begin = [], [f"{fps} frames per second"], 0
     for k, side in enumerate(sides.sides):
-        episode, found = episode_of(side, k, begin, fps)
+        episode, remarks = episode_of(side, k, begin, fps)
         episodes.append(episode)
-        notes += [f"{side.name}: {f}" for f in found]
+        notes += [f"{side.name}: {f}" for f in remarks]
         begin += episode.length
     try:
-        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".pliant-lerobot-") as made:
-            draft = Path(made) / folder.name
+        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".pliant-lerobot-") as temporary:
+            draft = Path(temporary) / folder.name
             write_folder(draft, sides, episodes, fps)
             draft.replace(folder)
     except OSError as error:
@@ -93,13 +93,13 @@ def episode_of(side: Side, number: int, begin: int, fps: int) -> tuple[Episode, 
     `number` is the index of the episode, `begin` the number of frames before it.
     """
     rows = side.measured.reshape(side.time.size, -1)
-    seen = np.isfinite(rows)
-    inside = [np.flatnonzero(column)[[0, -1]] if column.any() else [side.time.size, -1] for column in seen.T]
+    finite = np.isfinite(rows)
+    inside = [np.flatnonzero(column)[[0, -1]] if column.any() else [side.time.size, -1] for column in finite.T]
     first, last = max(i[0] for i in inside), min(i[1] for i in inside)
     if last <= first:
         raise InputError(f"{side.name} has no part in which all stations were measured: leave it out of the export")
     time = side.time[first] + np.arange(int((side.time[last] - side.time[first]) * fps + 1e-6) + 1) / fps
-    between = seen[first : last + 1]
+    between = finite[first : last + 1]
     gaps, cut = int((~between).any(axis=1).sum()), int(side.time.size - between.shape[0])
     notes = [f"{cut} frame(s) at its ends were cut, since a station was not measured"] if cut else []
     notes += [f"{gaps} frame(s) in which a station was not measured were interpolated in time"] if gaps else []
@@ -131,8 +131,8 @@ def write_folder(folder: Path, sides: Sides, episodes: Sequence[Episode], fps: i
     meta = folder / "meta"
     (meta / "episodes").mkdir(parents=True)
     features = features_of(sides)
-    places = write_data(folder / "data", episodes, features)
-    write_episodes(meta / "episodes", episodes, places)
+    locations = write_data(folder / "data", episodes, features)
+    write_episodes(meta / "episodes", episodes, locations)
     tasks = pd.DataFrame({"task_index": range(len(episodes))}, index=pd.Index([e.name for e in episodes], name="task"))
     tasks.to_parquet(meta / "tasks.parquet", engine="pyarrow")
     whole = {name: np.concatenate([e.columns[name] for e in episodes]) for name in features}
@@ -166,7 +166,7 @@ def write_data(folder: Path, episodes: Sequence[Episode], features: Mapping[str,
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    places: list[tuple[int, int]] = []
+    locations: list[tuple[int, int]] = []
     files, size = -1, np.inf
     writer: Any = None
     for e in episodes:
@@ -180,9 +180,9 @@ def write_data(folder: Path, episodes: Sequence[Episode], features: Mapping[str,
             path.parent.mkdir(parents=True, exist_ok=True)
             writer = pq.ParquetWriter(path, table.schema, compression="snappy")
         writer.write_table(table)
-        places.append((files // FILES_PER_CHUNK, files % FILES_PER_CHUNK))
+        locations.append((files // FILES_PER_CHUNK, files % FILES_PER_CHUNK))
     writer.close()
-    return places
+    return locations
 
 
 def arrow(values: Array) -> Any:

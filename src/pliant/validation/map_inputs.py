@@ -50,7 +50,7 @@ class InputTable(NamedTuple):
                                  "pressure drives: name it in drive")
             sources = {name or next(iter(self.names), ""): source for name, source in sources.items()}
         moving = [sources.get(name, Pulse(0.0)) for name in self.names]
-        present = [np.asarray(one(exp.time), dtype=float) for one in moving]
+        present = [np.asarray(moving_input(exp.time), dtype=float) for moving_input in moving]
         loads = [np.full(exp.time.size, float(exp.known.get(name, LOADS[name]))) for name in self.loads]
         columns = np.array([*present, *loads]).reshape(self.size, exp.time.size).T
         if exp.poses or not moving:
@@ -82,15 +82,15 @@ def table_of(train: Sequence[Experiment]) -> tuple[InputTable, tuple[str, ...]]:
     names = [name for name in names if name or len(names) == 1]
     kinds = {to: kind for exp in train for to, kind in exp.input_kinds.items()}
     kind = [kinds.get(name, "tension" if name.startswith("force ") else "pressure") for name in names]
-    seen = np.concatenate([InputTable(tuple(names)).values(exp) for exp in train])
-    span = np.ptp(seen, axis=0)
+    inputs = np.concatenate([InputTable(tuple(names)).values(exp) for exp in train])
+    span = np.ptp(inputs, axis=0)
     most = {k: max(s for s, other in zip(span, kind, strict=True) if other == k) for k in kind}
     moves = [k for k in range(len(names)) if span[k] > IDLE * most[kind[k]]]
     loads = tuple(name for name in LOADS if len({exp.known.get(name, LOADS[name]) for exp in train}) > 1)
     still = [names[k] for k in range(len(names)) if k not in moves and names[k]]
     notes = [still_sentence(still)] if still and moves else []
     units = {names[k]: INPUT_UNITS.get(kind[k], "Pa") for k in moves}
-    return InputTable(tuple(units), loads), (*notes, *together(units, seen[:, moves]))
+    return InputTable(tuple(units), loads), (*notes, *together(units, inputs[:, moves]))
 
 
 def still_sentence(names: Sequence[str]) -> str:
@@ -107,16 +107,16 @@ def together(units: Mapping[str, str], seen: Array) -> list[str]:
     """
     names = list(units)
     notes: list[str] = []
-    kept: list[int] = []
+    independent: list[int] = []
     spread = np.std(seen, axis=0)
     for k, name in enumerate(names):
-        before = seen[:, np.array(kept, dtype=int)]
-        regressors = np.column_stack([np.ones(len(seen)), (before - before.mean(axis=0)) / spread[kept]])
+        before = seen[:, np.array(independent, dtype=int)]
+        regressors = np.column_stack([np.ones(len(seen)), (before - before.mean(axis=0)) / spread[independent]])
         slopes, *_ = np.linalg.lstsq(regressors, seen[:, k], rcond=None)
-        if not kept or np.std(seen[:, k] - regressors @ slopes) > TOGETHER * spread[k]:
-            kept.append(k)
+        if not independent or np.std(seen[:, k] - regressors @ slopes) > TOGETHER * spread[k]:
+            independent.append(k)
             continue
-        used = [(j, slope / spread[j]) for j, slope in zip(kept, slopes[1:], strict=True)
+        used = [(j, slope / spread[j]) for j, slope in zip(independent, slopes[1:], strict=True)
                 if abs(slope) > TOGETHER * spread[k]]
         factor, unit = shown_in(units[name])
         offset = factor * float(slopes[0] - sum(s * seen[:, j].mean() for j, s in used))

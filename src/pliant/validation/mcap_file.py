@@ -131,8 +131,8 @@ def write_mcap(sides: Sides, path: Path) -> tuple[str, ...]:
         raise InputError("the recordings hold angles and no positions, which MCAP viewers cannot show: export to "
                          "lerobot instead")
     notes = []
-    with whole(path) as draft, tempfile.TemporaryDirectory(dir=path.parent, prefix=".pliant-mcap-") as made:
-        folder = Path(made) / "bag"
+    with whole(path) as draft, tempfile.TemporaryDirectory(dir=path.parent, prefix=".pliant-mcap-") as temporary:
+        folder = Path(temporary) / "bag"
         file = RosFile(folder)
         with file.writer:
             begin = 1.0  # s; to ROS a time stamp of 0 means that there is none
@@ -155,14 +155,14 @@ def write_side(file: RosFile, side: Side, inputs: dict[str, int], begin: float) 
     """
     file.write("/record", nanoseconds_of(begin), TEXT, data=f"{side.name} ({side.role.replace('_', ' ')})")
     for k, time in enumerate(side.time - side.time[0] + begin):
-        at = nanoseconds_of(time)
-        file.cloud("/measured/points", at, side.measured[k])
-        file.cloud("/model/points", at, side.modelled[k])
+        stamps = nanoseconds_of(time)
+        file.cloud("/measured/points", stamps, side.measured[k])
+        file.cloud("/model/points", stamps, side.modelled[k])
         if side.body is not None:
-            file.cloud("/model/joints", at, side.body[k])
-            file.line("/model/body", at, side.body[k])
+            file.cloud("/model/joints", stamps, side.body[k])
+            file.line("/model/body", stamps, side.body[k])
         for topic, column in inputs.items():
-            file.write(topic, at, NUMBER, data=float(side.inputs[k, column]))
+            file.write(topic, stamps, NUMBER, data=float(side.inputs[k, column]))
 
 
 def topics_of_inputs(sides: Sides) -> Iterator[tuple[str, int]]:

@@ -134,7 +134,7 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     fit = 100 * float(1.0 - np.sqrt(np.sum(distance[valid] ** 2) / spread)) if spread > 0 else None  # for a single pose
     traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
     ends, begins = (traits[who][f"steady_state_{unit}"] for who in ("modelled", "measured"))
-    own = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.without_positions else {
+    resolution = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.without_positions else {
         "rmse_percent_of_length": 100 * rmse / length, **extension(exp, modelled)}
     return {
         f"rmse_{unit}": factor * rmse,
@@ -146,7 +146,7 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
         "frames": int(exp.time.size),
         "points_not_seen": int((~valid).sum()),
         f"travel_{unit}": factor * exp.travel,
-        **own,
+        **resolution,
         **swing_metrics(exp, modelled, on_window(exp, exp.time)),
     }
 

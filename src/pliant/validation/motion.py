@@ -25,14 +25,14 @@ from pliant.validation.figures import columns_in_time, drawing, legend
 def inputs_shown(trajectory: xr.Dataset) -> tuple[np.ndarray, str]:
     """Return the inputs (T, C) of a motion, in the units in which figures show them, and the label of their axis."""
     values, units = inputs_in(trajectory)
-    word, shown = input_words(units)
-    return values * [shown_in(unit)[0] for unit in units], f"{word} ({shown})"
+    word, display_unit = input_words(units)
+    return values * [shown_in(unit)[0] for unit in units], f"{word} ({display_unit})"
 
 
 def named_input(name: str, unit: str, units: Sequence[str]) -> str:
     """Return the label of an input in a legend: its kind and `name`, with its unit if the `units` differ."""
-    word, shown = input_words([unit])
-    return f"{word}, {name}" + (f" ({shown})" if len(set(units)) > 1 else "")
+    word, display_unit = input_words([unit])
+    return f"{word}, {name}" + (f" ({display_unit})" if len(set(units)) > 1 else "")
 
 
 def motion_figure(trajectory: xr.Dataset) -> Figure:
@@ -110,7 +110,7 @@ def body_film(
                 line.set_data(*view[k].T)
                 way.set_data(*view[: k + 1, -1].T)
             now.set_data(np.full(p[k].shape, t[k]), p[k])
-            return [*(one for _, *lines in drawn for one in lines), now]
+            return [*(artist for _, *lines in drawn for artist in lines), now]
 
         video = animation.FuncAnimation(figure, draw, frames=frames)
         video.save(str(path), writer="pillow" if path.suffix == ".gif" else "ffmpeg", fps=rate, dpi=100)

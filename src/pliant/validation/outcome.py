@@ -14,6 +14,7 @@ from pliant.display import Card, Shown
 from pliant.failures import NotComputed
 from pliant.identification import Band, Experiment, FitResult
 from pliant.identification.fit import parameter_dict
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.file import model_to_dict
 from pliant.preprocessing.lag_model import body_course, pressure_course
@@ -283,7 +284,7 @@ class StudyOutcome(Shown):
     @property
     def axes(self) -> tuple[str, ...]:
         """Return the names of the compared coordinates: x and y, in space z too, or an angle."""
-        return ("angle",) if self.turns else ("x", "y", "z") if self.model.space else ("x", "y")
+        return ("angle",) if self.turns else tuple("xyz"[: mechanics_of(self.model).dimension])
 
     def card(self) -> Card:
         """Return the headline, and a table with the errors of every recording under each fit, for display."""
@@ -291,8 +292,8 @@ class StudyOutcome(Shown):
         mapped = any(f.baseline for f in self.fits)
         for f in self.fits:
             for r in f.records:
-                found = (r.metrics.get(k) for k in (f"rmse_{unit}", "rmse_percent_of_travel", f"max_{unit}"))
-                numbers = ["" if v is None else f"{v:.3g}" for v in found]
+                errors = (r.metrics.get(k) for k in (f"rmse_{unit}", "rmse_percent_of_travel", f"max_{unit}"))
+                numbers = ["" if v is None else f"{v:.3g}" for v in errors]
                 if mapped:
                     plain = f.baseline.records.get(r.name, {}).get(f"rmse_{unit}") if f.baseline else None
                     numbers.append("" if plain is None else f"{plain:.3g}")

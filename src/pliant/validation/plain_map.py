@@ -260,12 +260,12 @@ class TrainingData(NamedTuple):
         A recording that no map can predict from the others, such as the only one that drives an input, would else
         decide alone.
         """
-        coordinates, seen = self.values.shape[1] // len(self.stations), count[:, 0] > 0
-        if not seen.any():
+        coordinates, counted = self.values.shape[1] // len(self.stations), count[:, 0] > 0
+        if not counted.any():
             return np.full(square.shape[1], np.nan)
         if not self.whole:
             return np.asarray(np.sqrt(coordinates * square.sum(axis=0) / count.sum()))
-        mean = np.sqrt(coordinates * square[seen] / count[seen])
+        mean = np.sqrt(coordinates * square[counted] / count[counted])
         return np.asarray(np.exp(np.mean(np.log(np.maximum(mean, LEAST_ERROR)), axis=0)))
 
     def parts(self) -> Iterator[tuple[Array, Array]]:
@@ -284,13 +284,13 @@ def training_data(experiments: Sequence[Experiment], table: InputTable) -> Train
     every = -(-sum(e.time.size for e in experiments) // MOST_ROWS)
     columns, values, groups = [], [], []
     for exp, group in zip(experiments, groups_of(experiments), strict=True):
-        kept = slice(every // 2 if exp.time.size > every else 0, None, every)
-        columns.append(table.values(exp, grid)[kept])
+        frames = slice(every // 2 if exp.time.size > every else 0, None, every)
+        columns.append(table.values(exp, grid)[frames])
         observed = np.full((exp.time.size, len(stations), exp.compared.shape[2]), np.nan)
         observed[:, [stations.index(s) for s in exp.stations]] = exp.compared
         observed[np.isnan(observed).any(axis=2)] = np.nan
-        values.append(observed.reshape(exp.time.size, -1)[kept])
-        groups.append(group[kept])
+        values.append(observed.reshape(exp.time.size, -1)[frames])
+        groups.append(group[frames])
     whole = np.concatenate(values)
     mean = np.nanmean(whole, axis=0)
     return TrainingData(table, grid, np.concatenate(columns), whole - mean, mean, stations, np.concatenate(groups),
@@ -380,20 +380,20 @@ def tried(data: TrainingData, time_constants: tuple[float, ...], degree: int) ->
             squares[:, filled] += left_out(sums, edges, ridges)
             count[filled, 0] += [there[k].size * len(outputs) for k in filled]
     errors = np.stack([data.error(square, count) for square in squares])
-    held = int(errors[1].min() <= SIMPLER * errors[0].min())
-    best = int(np.argmin(errors[held]))
-    return MapChoice(degree, time_constants, ridges[best], bool(held), terms.shape[1], float(errors[held, best]))
+    simpler = int(errors[1].min() <= SIMPLER * errors[0].min())
+    best = int(np.argmin(errors[simpler]))
+    return MapChoice(degree, time_constants, ridges[best], bool(simpler), terms.shape[1], float(errors[simpler, best]))
 
 
 def held_inside(columns: Array, left: Array) -> Array | None:
     """Return the inputs (n, C) of the n rows marked by `left` (N,), set to the edge of the other rows' inputs where
     they are beyond it; None if none is.
     """
-    rest, own = columns[~left], columns[left]
+    rest, block = columns[~left], columns[left]
     if not len(rest):
         return None
-    inside = np.clip(own, rest.min(axis=0), rest.max(axis=0))
-    return None if np.array_equal(inside, own) else inside
+    inside = np.clip(block, rest.min(axis=0), rest.max(axis=0))
+    return None if np.array_equal(inside, block) else inside
 
 
 def left_out(sums: Sequence[Products], edges: Sequence[Products], ridges: Sequence[float]) -> Array:

@@ -19,7 +19,7 @@ from pliant.identification import Band, Experiment, FitResult, Parameter
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.model.file import read_model
-from pliant.recording.base_pose import CUTOFF
+from pliant.recording.inputs import CUTOFF
 from pliant.recording.netcdf import read_groups
 from pliant.reduction import LinkPlacement, OrderResult
 from pliant.selection import ModelSelection
@@ -54,8 +54,9 @@ def save_results(outcome: StudyOutcome, folder: Path) -> Path:
     about = {"schema": "pliant-results", "schema_version": 1, "run_id": outcome.run_id}
     groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs=about)}
     named = {r.name: r for f in outcome.fits for r in f.records}
-    for k, one in enumerate(named.values()):
-        groups[f"/recording_{k}"] = recorded(one.experiment, one.unit_of).assign(modelled(outcome.fits, one.experiment))
+    for k, record in enumerate(named.values()):
+        measured = recorded(record.experiment, record.unit_of)
+        groups[f"/recording_{k}"] = measured.assign(modelled(outcome.fits, record.experiment))
     if outcome.shape:
         groups |= shaped(outcome.shape)
     for k, f in enumerate(outcome.forecasts):
@@ -136,8 +137,8 @@ def modelled(fits: Sequence[FitOutcome], exp: Experiment) -> dict[str, Any]:
     unit = "rad" if exp.without_positions else "m"
     stack("modelled", SPACE, unit, [r.modelled if r else None for r in rows])
     units = next(r.units for r in rows if r)
-    held, listed = f"modelled_{names_of_inputs(units)[0]}", of_inputs(units)["units"]
-    stack(held, ("time", "input"), listed, [r.pressure if r else None for r in rows])
+    variable, listed = f"modelled_{names_of_inputs(units)[0]}", of_inputs(units)["units"]
+    stack(variable, ("time", "input"), listed, [r.pressure if r else None for r in rows])
     stack("baseline", SPACE, unit, [r.baseline if r else None for r in rows])
     stack("body", ("time", "point", "axis"), "m", [r.body if r else None for r in rows])
     for part in ("std", "lower", "upper"):
@@ -293,28 +294,28 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
 
 def experiment_of(recording: xr.Dataset) -> Experiment:
     """Return a recording stored in results.nc as the `Experiment` that the fits used."""
-    found = {str(name): variable.values for name, variable in recording.variables.items()}
+    arrays = {str(name): variable.values for name, variable in recording.variables.items()}
     trace, drives = None, {}
-    name, clock = ("actuation", "input_time") if "actuation" in found else ("pressure", "pressure_time")
-    if "driven" in found:
-        columns = zip(found["driven"], found[name].T, strict=True)
-        drives = {str(one): Trace(found[clock], samples) for one, samples in columns}
-    elif name in found:
-        trace = Trace(found[clock], found[name])
-    stations = tuple(str(s) for s in found["station"])
+    name, clock = ("actuation", "input_time") if "actuation" in arrays else ("pressure", "pressure_time")
+    if "driven" in arrays:
+        columns = zip(arrays["driven"], arrays[name].T, strict=True)
+        drives = {str(input_name): Trace(arrays[clock], samples) for input_name, samples in columns}
+    elif name in arrays:
+        trace = Trace(arrays[clock], arrays[name])
+    stations = tuple(str(s) for s in arrays["station"])
     angles: dict[str, Any] = {}
-    if "angle" in found:
+    if "angle" in arrays:
         reference = recording["angle"].attrs["reference"]
-        angles = {"angle": found["angle"], "angle_reference": reference, "angles_alone": True}
-    position = found.get("position", np.full((recording.sizes["time"], len(stations), 2), np.nan))
+        angles = {"angle": arrays["angle"], "angle_reference": reference, "angles_alone": True}
+    position = arrays.get("position", np.full((recording.sizes["time"], len(stations), 2), np.nan))
     base = None
-    if "base_time" in found:
-        flat = "base_angle" in found
-        turn = {"angle": found["base_angle"][:, 0]} if flat else {"quaternion": found["base_quaternion"]}
+    if "base_time" in arrays:
+        flat = "base_angle" in arrays
+        turn = {"angle": arrays["base_angle"][:, 0]} if flat else {"quaternion": arrays["base_quaternion"]}
         cutoff = recording["base_position"].attrs.get(CUTOFF)
-        base = BaseMotion(found["base_time"], found["base_position"], **turn, cutoff=cutoff)
+        base = BaseMotion(arrays["base_time"], arrays["base_position"], **turn, cutoff=cutoff)
     return Experiment(
-        str(recording.attrs["name"]), found["time"], position, stations, recording.attrs["excitation"], trace,
+        str(recording.attrs["name"]), arrays["time"], position, stations, recording.attrs["excitation"], trace,
         float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]), base=base,
         poses=bool(recording.attrs["poses"]), **angles,
     )

@@ -116,14 +116,14 @@ def control_figure(
     factor, word = shown_in(unit)
     with style():
         figure, panels = new_figure(2, 1, height=3.4, sharex=True)
-        for name, seen, asked in zip(names, by_column(reached), by_column(wanted), strict=True):
-            panels[0].plot(time, seen * 1e3, label=f"{name} reached (estimated)".strip())
+        for name, actual, asked in zip(names, by_column(reached), by_column(wanted), strict=True):
+            panels[0].plot(time, actual * 1e3, label=f"{name} reached (estimated)".strip())
             panels[0].plot(time, asked * 1e3, label=f"{name} wanted".strip())
         panels[0].set_ylabel("tip displacement (mm)" if len(names) == 1 else "change of outputs (mm, mrad)")
         for c, (asked, read) in enumerate(zip(by_column(command), by_column(pressure), strict=True)):
-            own = f" {c + 1}" if np.ndim(command) > 1 else ""
-            panels[1].step(time, asked * factor, where="post", label=f"command{own}")
-            panels[1].plot(time, read * factor, label=f"measured{own}", linewidth=0.7)
+            number = f" {c + 1}" if np.ndim(command) > 1 else ""
+            panels[1].step(time, asked * factor, where="post", label=f"command{number}")
+            panels[1].plot(time, read * factor, label=f"measured{number}", linewidth=0.7)
         kind = "gauge pressure" if unit == "Pa" else KIND_OF[unit]
         panels[1].set(xlabel="time (s)", ylabel=f"{kind} ({word})")
         for panel in panels:
@@ -134,5 +134,5 @@ def control_figure(
 
 def by_column(values: Any) -> Any:
     """Return values (T,) or (T, m) over T frames as m rows (m, T), one for each column."""
-    made = np.asarray(values)
-    return made[None] if made.ndim == 1 else made.T
+    array = np.asarray(values)
+    return array[None] if array.ndim == 1 else array.T

@@ -63,17 +63,17 @@ class Follower:
 
     def __call__(self, picture: Array) -> Ribbon | None:
         """Return the body in the next frame; None where it is wholly or partly hidden."""
-        found = None
+        body = None
         if self.known is not None:
-            found = self._refined(picture, self.known.line + self.known.step, self.known)
-        if found is None:
-            found = self._afresh(picture)
-        if found is None:
+            body = self._refined(picture, self.known.line + self.known.step, self.known)
+        if body is None:
+            body = self._afresh(picture)
+        if body is None:
             if self.known is not None:
                 self.known.step = np.zeros_like(self.known.step)
             return None
-        self._learn(found)
-        return found
+        self._learn(body)
+        return body
 
     def _afresh(self, picture: Array) -> Ribbon | None:
         """Return the body from this frame alone, without the previous ones."""
@@ -112,11 +112,11 @@ class Follower:
             if self.base is None:
                 line, _ = self._ended(picture, line[::-1], known, at_tip=False)
                 line = line[::-1]
-            found = self._measured(picture, line, known)
-            line = found.line
+            measured = self._measured(picture, line, known)
+            line = measured.line
         line, tip = self._ended(picture, line, known, at_tip=True)
-        found = replace(found, line=line, tip=tip)
-        return found if self._whole(found, known) else None
+        measured = replace(measured, line=line, tip=tip)
+        return measured if self._whole(measured, known) else None
 
     def _centred(self, picture: Array, line: Array, known: Known) -> Array:
         """Return the line moved to the middle of the body's pixels within a wide range."""
@@ -128,9 +128,9 @@ class Follower:
             body = share(light, behind, known.light)
             body = np.where(body > 0.5, np.minimum(body, 1.0), 0.0)
             mass = body.sum(axis=1) * step
-            seen = (mass > 0.5 * 2 * known.half) & (mass < 1.6 * 2 * known.half)
-            offset = np.where(seen, (body @ u) / np.maximum(body.sum(axis=1), 1e-9), 0.0)
-            line = self._smooth(line + offset[:, None] * normal, seen.astype(float))
+            fits = (mass > 0.5 * 2 * known.half) & (mass < 1.6 * 2 * known.half)
+            offset = np.where(fits, (body @ u) / np.maximum(body.sum(axis=1), 1e-9), 0.0)
+            line = self._smooth(line + offset[:, None] * normal, fits.astype(float))
         return evenly(line)
 
     def _measured(self, picture: Array, line: Array, known: Known) -> Ribbon:
@@ -145,12 +145,12 @@ class Follower:
         left, right, slope = edges(share(light, behind, plateau), len(u) // 2)
         half = 0.5 * (right - left)
         with np.errstate(invalid="ignore"):
-            seen = alike & (half > WIDTHS[0] * known.half) & (half < WIDTHS[1] * known.half)
-        offset = np.where(seen, 0.5 * (left + right) - len(u) // 2, 0.0)
-        seen &= np.abs(offset - _median(offset)) < 6.0
-        trust = np.where(seen, np.clip(slope / STEEP, 0.1, 1.0) ** 2, 0.0)
+            fits = alike & (half > WIDTHS[0] * known.half) & (half < WIDTHS[1] * known.half)
+        offset = np.where(fits, 0.5 * (left + right) - len(u) // 2, 0.0)
+        fits &= np.abs(offset - _median(offset)) < 6.0
+        trust = np.where(fits, np.clip(slope / STEEP, 0.1, 1.0) ** 2, 0.0)
         smooth = self._smooth(line + offset[:, None] * normal, trust)
-        return Ribbon(evenly(smooth), np.where(seen, half, known.half), plateau, seen, tip=True)
+        return Ribbon(evenly(smooth), np.where(fits, half, known.half), plateau, fits, tip=True)
 
     def _smooth(self, line: Array, weight: Array) -> Array:
         weight = weight.copy()
@@ -182,16 +182,16 @@ class Follower:
         length = float(np.hypot(*np.diff(line, axis=0).T).sum())
         longer = np.concatenate([line, [line[-1] + max(beyond, 0.0) * along]]) if beyond > 0 else line
         steps = np.append(0.0, np.cumsum(np.hypot(*np.diff(longer, axis=0).T)))
-        at = np.linspace(0.0, max(length + beyond, 1.0), POINTS)
-        return np.stack([np.interp(at, steps, longer[:, k]) for k in (0, 1)], axis=1), True
+        distances = np.linspace(0.0, max(length + beyond, 1.0), POINTS)
+        return np.stack([np.interp(distances, steps, longer[:, k]) for k in (0, 1)], axis=1), True
 
     def _whole(self, found: Ribbon, known: Known) -> bool:
         """Return whether enough of the body was seen, with its tip and with the previous length."""
-        seen = found.seen[2:]
-        run = longest_run(~seen)
+        inside = found.seen[2:]
+        run = longest_run(~inside)
         length = float(np.hypot(*np.diff(found.line, axis=0).T).sum())
         same = not known.length or abs(length / known.length - 1.0) < LENGTH
-        few = run <= HIDDEN_RUN * POINTS and (~seen).mean() < HIDDEN and seen[-6:].sum() > 2
+        few = run <= HIDDEN_RUN * POINTS and (~inside).mean() < HIDDEN and inside[-6:].sum() > 2
         return bool(found.tip and same and few)
 
     def _learn(self, found: Ribbon) -> None:
@@ -248,17 +248,17 @@ def rough_line(mask: Array, start: Array | None) -> Array | None:
     start : array (2,), optional
         Position of the base. Without it the line begins at one of the two ends that are farthest apart.
     """
-    place = np.argwhere(mask)[:, ::-1].astype(float)
-    if len(place) < LEAST_PIXELS:
+    pixels = np.argwhere(mask)[:, ::-1].astype(float)
+    if len(pixels) < LEAST_PIXELS:
         return None
-    seen = _distances(mask, place, place[0] if start is None else start)
+    distances = _distances(mask, pixels, pixels[0] if start is None else start)
     if start is None:
-        seen = _distances(mask, place, place[int(np.where(np.isfinite(seen), seen, -1.0).argmax())])
-    whole = np.isfinite(seen)
-    step = seen[whole].max() / LEVELS
-    level = np.minimum((seen[whole] / step).astype(int), LEVELS - 1)
+        distances = _distances(mask, pixels, pixels[int(np.where(np.isfinite(distances), distances, -1.0).argmax())])
+    whole = np.isfinite(distances)
+    step = distances[whole].max() / LEVELS
+    level = np.minimum((distances[whole] / step).astype(int), LEVELS - 1)
     count = np.bincount(level, minlength=LEVELS)
-    middle = np.stack([np.bincount(level, place[whole, k], LEVELS) / np.maximum(count, 1) for k in (0, 1)], axis=1)
+    middle = np.stack([np.bincount(level, pixels[whole, k], LEVELS) / np.maximum(count, 1) for k in (0, 1)], axis=1)
     return np.asarray(middle[count > 0])
 
 

@@ -56,7 +56,7 @@ class Dots:
         """
         share = self.cv2.transform(picture.astype(np.float32), self.weight)
         count, label, facts, _ = self.cv2.connectedComponentsWithStats((share > HALF_COLOUR).astype(np.uint8))
-        found = []
+        frames = []
         for k in range(1, count):
             x, y, w, h, area = facts[k]
             disc = ROUND[0] < area / (w * h) < ROUND[1] and w < 1.6 * h < 2.6 * w
@@ -67,8 +67,8 @@ class Dots:
             other = (label[part] != k) & (label[part] != 0)
             mass = np.where(other, 0.0, np.clip(share[part] - 0.2, 0.0, None))
             rows, columns = np.mgrid[part]
-            found.append(((mass * columns).sum() / mass.sum(), (mass * rows).sum() / mass.sum(), mass.sum()))
-        markers = np.array(found).reshape(-1, 3)
+            frames.append(((mass * columns).sum() / mass.sum(), (mass * rows).sum() / mass.sum(), mass.sum()))
+        markers = np.array(frames).reshape(-1, 3)
         if self.region is not None:
             left, top, right, bottom = self.region
             x, y = markers[:, 0], markers[:, 1]
@@ -98,8 +98,8 @@ def follow_dots(
         from the others.
     """
     dots = Dots(colour, region)
-    place, usual, findings = _first_dots(reel, dots, colour, count)
-    return findings, _dots_by_frame(reel, dots, place, usual)
+    start, usual, findings = _first_dots(reel, dots, colour, count)
+    return findings, _dots_by_frame(reel, dots, start, usual)
 
 
 def _dots_by_frame(reel: Reel, dots: Dots, place: Array, usual: Array) -> Iterator[Frame]:
@@ -127,15 +127,15 @@ class ChainOfDots:
     def __call__(self, centres: Array, masses: Array) -> Array:
         """Return the dots (M, 2), NaN where one is hidden, among centres (N, 2) of the given masses (N,)."""
         chosen = self._from_slowest(centres, masses) if len(centres) else np.full(len(self.place), -1)
-        seen = chosen >= 0
-        found = np.full_like(self.place, np.nan)
-        found[seen] = centres[chosen[seen]]
-        steady = seen & (self.gap == 0)  # a step over a gap is no speed
-        self.step = np.where(steady[:, None], found - self.place, 0.0)
+        matched = chosen >= 0
+        positions = np.full_like(self.place, np.nan)
+        positions[matched] = centres[chosen[matched]]
+        steady = matched & (self.gap == 0)  # a step over a gap is no speed
+        self.step = np.where(steady[:, None], positions - self.place, 0.0)
         self.travel += np.linalg.norm(self.step, axis=1)
-        self.place = np.where(seen[:, None], found, self.place)
-        self.gap = np.where(seen, 0, self.gap + 1)
-        return found
+        self.place = np.where(matched[:, None], positions, self.place)
+        self.gap = np.where(matched, 0, self.gap + 1)
+        return positions
 
     def _from_slowest(self, centres: Array, masses: Array) -> Array:
         """Return the index of the centre (M,) of each dot, -1 where hidden, starting from the slowest dot."""
@@ -257,10 +257,10 @@ def follow_aruco(reel: Reel) -> tuple[list[int], Iterator[Frame]]:
     for k, (_, picture) in enumerate(reel.frames()):
         if k == FIRST:
             break
-        for one in finders if not best else [finder]:
-            seen = _markers(one, picture)
-            if len(seen) > len(best):
-                best, finder = seen, one
+        for detector in finders if not best else [finder]:
+            markers = _markers(detector, picture)
+            if len(markers) > len(best):
+                best, finder = markers, detector
     if len(best) < 2:
         raise InputError(
             f"{reel.path.name}: {len(best)} ArUco or AprilTag markers were found in its first frames, but two are "
@@ -271,8 +271,8 @@ def follow_aruco(reel: Reel) -> tuple[list[int], Iterator[Frame]]:
 
     def frames() -> Iterator[Frame]:
         for time, picture in reel.frames():
-            seen = _markers(finder, picture)
-            yield time, picture, np.array([seen.get(n, np.full(2, np.nan)) for n in numbers])
+            markers = _markers(finder, picture)
+            yield time, picture, np.array([markers.get(n, np.full(2, np.nan)) for n in numbers])
 
     return numbers, frames()
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 
+from pliant.errors import InputError
 from pliant.files import whole
 from pliant.recording.camera import opencv
-from pliant.video.movie import movie
 from pliant.video.reel import Reel
 
 Array = np.ndarray
@@ -24,6 +25,47 @@ ENDINGS = (".png", ".mp4")  # a sheet of pictures, a film
 Draw = Callable[[float, Array, Array | None], None]
 
 
+CODEC = "mp4v"  # MPEG-4: every build of OpenCV's wheels writes and reads it
+
+
+@contextmanager
+def movie(path: Path, rate: float, size: tuple[int, int]) -> Iterator[Callable[[np.ndarray], None]]:
+    """Open a video file for writing and yield a function that appends one frame (H, W, 3) of H by W pixels in blue,
+    green, red (uint8).
+
+    The file appears under its name only when the block ends without an error.
+
+    Parameters
+    ----------
+    path : Path
+        File name that ends in .mp4.
+    rate : float, Hz
+    size : (width, height), pixels
+
+    Raises
+    ------
+    InputError
+        For another ending, a folder that cannot be written, or where OpenCV is not installed.
+    """
+    cv2 = opencv("writing a film")
+    path = Path(path)
+    if path.suffix.lower() != ".mp4":
+        raise InputError(f"a video is written as .mp4, not {path.name!r}: change the file name")
+    draft = path.with_name(f".{path.stem}.{os.getpid()}.tmp.mp4")
+    writer = cv2.VideoWriter(str(draft), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*CODEC), float(rate), size)
+    try:
+        if not writer.isOpened():
+            raise InputError(f"cannot write a video to {path}: check that its folder exists and is writable")
+
+        yield writer.write
+        writer.release()
+        draft.replace(path)
+    finally:
+        writer.release()
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
+
+
 @contextmanager
 def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
     """Create image or video files that show the tracked shape. Yield a function that draws the points of one frame over
@@ -32,7 +74,7 @@ def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
     The files appear only when the block ends without an error.
     """
     sheets, films = ([p for p in paths if p.suffix.lower() == ending] for ending in ENDINGS)
-    shown = set(np.linspace(0, reel.count - 1, TILES).round().astype(int).tolist()) if sheets else set()
+    sampled = set(np.linspace(0, reel.count - 1, TILES).round().astype(int).tolist()) if sheets else set()
     tiles: list[Array] = []
     size = _size(reel, FILM)
     with ExitStack() as stack:
@@ -43,7 +85,7 @@ def overlay(reel: Reel, paths: Sequence[Path]) -> Iterator[Draw]:
             nonlocal number, gaps, hidden
             begins, hidden = not hidden, points is None or not np.isfinite(points).all()
             gaps += begins and hidden
-            if number in shown or (sheets and begins and hidden and gaps <= GAPS):
+            if number in sampled or (sheets and begins and hidden and gaps <= GAPS):
                 tiles.append(drawn(time, picture, points, _size(reel, TILE)))
             for write in writers:
                 write(drawn(time, picture, points, size))
@@ -67,16 +109,16 @@ def drawn(time: float, picture: Array, points: Array | None, size: tuple[int, in
     canvas = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     share = size[0] / picture.shape[1]
     visible = np.empty((0, 2)) if points is None else points[np.isfinite(points).all(axis=1)]
-    place = np.round(((visible + 0.5) * share - 0.5) * 16).astype(np.int32)
-    if len(place) > 1:
+    path = np.round(((visible + 0.5) * share - 0.5) * 16).astype(np.int32)
+    if len(path) > 1:
         for colour, thick in ((EDGE, 4), (LINE, 2)):
-            cv2.polylines(canvas, [place], isClosed=False, color=colour, thickness=thick, lineType=cv2.LINE_AA, shift=4)
+            cv2.polylines(canvas, [path], isClosed=False, color=colour, thickness=thick, lineType=cv2.LINE_AA, shift=4)
     whole_line = points is not None and len(visible) == len(points)
-    if 1 < len(place) <= 24:
-        for x, y in place:
+    if 1 < len(path) <= 24:
+        for x, y in path:
             cv2.circle(canvas, (int(x), int(y)), 80, EDGE, 2, cv2.LINE_AA, 4)
-    elif len(place):
-        for (x, y), colour in zip(place[[0, -1]], (BASE, TIP), strict=True):
+    elif len(path):
+        for (x, y), colour in zip(path[[0, -1]], (BASE, TIP), strict=True):
             cv2.circle(canvas, (int(x), int(y)), 80, colour, 2, cv2.LINE_AA, 4)
     _write(canvas, f"{time:.3f} s", (8, 24), EDGE)
     if not whole_line:

@@ -68,8 +68,8 @@ BASIS = Basis(POINTS)
 def evenly(line: Array, count: int = POINTS) -> Array:
     """Return `count` points [pixels] at equal spacing along the polyline through N points `line` (N, 2)."""
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
-    at = np.linspace(0.0, along[-1], count)
-    return np.stack([np.interp(at, along, line[:, 0]), np.interp(at, along, line[:, 1])], axis=1)
+    distances = np.linspace(0.0, along[-1], count)
+    return np.stack([np.interp(distances, along, line[:, 0]), np.interp(distances, along, line[:, 1])], axis=1)
 
 
 def normals(line: Array) -> tuple[Array, Array]:
@@ -118,9 +118,9 @@ def crossing(profile: Array, first: Array) -> tuple[Array, Array]:
     k = np.maximum(below.argmax(axis=1), 1)
     row = np.arange(len(profile))
     high, low = profile[row, k - 1], profile[row, k]
-    at = k - 1 + (high - 0.5) / np.where(high > low, high - low, np.inf)
+    position = k - 1 + (high - 0.5) / np.where(high > low, high - low, np.inf)
     around = profile[row, np.maximum(k - 3, 0)] - profile[row, np.minimum(k + 2, profile.shape[1] - 1)]
-    return np.where(below.any(axis=1) & (k > first) & (high >= 0.5), at, np.nan), around / 5.0
+    return np.where(below.any(axis=1) & (k > first) & (high >= 0.5), position, np.nan), around / 5.0
 
 
 def edges(profile: Array, middle: int) -> tuple[Array, Array, Array]:

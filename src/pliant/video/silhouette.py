@@ -42,27 +42,27 @@ def follow_silhouette(
     follow, still = Follower(around, first), Stillness(around, reel)
     for time, picture in reel.frames():
         still(picture)
-        found = follow(picture)
-        yield time, picture, None if found is None else found.line
+        body = follow(picture)
+        yield time, picture, None if body is None else body.line
     still.refuse()
 
 
 def base_of(reel: Reel, around: Surroundings) -> Array:
     """Return the position (2,) [pixels] of the body's base in the picture: the median over the first frames."""
-    follow, found = Follower(around), []
+    follow, candidates = Follower(around), []
     for tried, (_, picture) in enumerate(reel.frames(), 1):
         ribbon = follow(picture)
         if ribbon is not None:
-            found.append(ribbon.line[0])
-        if len(found) == FIRST or tried == TRIED:
+            candidates.append(ribbon.line[0])
+        if len(candidates) == FIRST or tried == TRIED:
             break
-    if not found:
+    if not candidates:
         raise InputError(
             f"{reel.path.name}: no whole body was found in the first {TRIED} frames, as no object has two clear edges "
             "against the background from one end to the other: give the position of the body's base by --base, or put "
             "a plain sheet behind the body"
         )
-    return np.asarray(np.median(found, axis=0))
+    return np.asarray(np.median(candidates, axis=0))
 
 
 class Stillness:
@@ -86,12 +86,12 @@ class Stillness:
 
     def __call__(self, picture: Array) -> None:
         """Measure the shift of the next frame."""
-        found = []
+        shapes = []
         for where, patch, solve in self.patches:
             grey = self.cv2.cvtColor(picture[where], self.cv2.COLOR_BGR2GRAY).astype(np.float32)
-            found.append(solve @ (patch - self.cv2.GaussianBlur(grey, (0, 0), 1.5)).ravel())
-        if found:
-            self.shifts.append(float(np.hypot(*np.median(found, axis=0))))
+            shapes.append(solve @ (patch - self.cv2.GaussianBlur(grey, (0, 0), 1.5)).ravel())
+        if shapes:
+            self.shifts.append(float(np.hypot(*np.median(shapes, axis=0))))
 
     def refuse(self) -> None:
         """Raise InputError where the camera moved in more than 2 % of the frames of the video."""

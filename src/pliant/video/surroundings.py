@@ -90,8 +90,8 @@ def refuse_moving_camera(stack: Array, reel: Reel) -> None:
         return
     moved = []
     for other in grey[1:]:
-        there, found, _ = cv2.calcOpticalFlowPyrLK(grey[0], other, corners, None)
-        went = np.linalg.norm(there - corners, axis=2)[found[:, 0] == 1]
+        there, tracked, _ = cv2.calcOpticalFlowPyrLK(grey[0], other, corners, None)
+        went = np.linalg.norm(there - corners, axis=2)[tracked[:, 0] == 1]
         if went.size:
             moved.append(float(np.quantile(went, 0.25)) * reel.width / stack.shape[2])
     if np.median(moved) > MOST_SHAKE:
@@ -128,12 +128,12 @@ def commonest(stack: Array, moving: Array) -> Array:
     crossed = _binned(stack[:, moving])
     ordered = np.sort(crossed, axis=0)
     new = np.diff(ordered, axis=0, prepend=-1) > 0
-    seen = np.bincount(ordered[new], minlength=BINS**3).astype(float)  # pixels that take a colour at some time
+    weight = np.bincount(ordered[new], minlength=BINS**3).astype(float)  # pixels that take a colour at some time
     counts = np.array([_blurred(np.bincount(c, minlength=BINS**3)) for c in crossed])
-    seen *= np.quantile(counts, 0.2, axis=0) > 0.3 * counts.mean(axis=0)  # in nearly every frame: no hand that passes
+    weight *= np.quantile(counts, 0.2, axis=0) > 0.3 * counts.mean(axis=0)  # in nearly every frame: no hand that passes
     around = cv2.dilate(moving.astype(np.uint8), np.ones((25, 25), np.uint8)).astype(bool) & ~moving
     rest = np.bincount(_binned(stack[0][around if around.any() else ~moving]), minlength=BINS**3)
-    score = _blurred(seen / crossed.shape[1]) - 1.5 * _blurred(rest / max(1, rest.sum()))
+    score = _blurred(weight / crossed.shape[1]) - 1.5 * _blurred(rest / max(1, rest.sum()))
     best = int(score.argmax())
     middle = (np.array([best // BINS**2, best // BINS % BINS, best % BINS]) + 0.5) * (256.0 / BINS)
     colours = stack[:, moving].reshape(-1, 3).astype(np.float32)
@@ -208,8 +208,8 @@ def _always(bodily: Array, moving: Array) -> Array:
         inside = np.bincount(parts[frame & moving])
         if inside.size:
             together[np.unique(label[parts == inside.argmax()])] += 1.0
-    kept = np.flatnonzero(together[1:] > 0.7 * len(bodily)) + 1
-    return np.asarray(binary_fill_holes(np.isin(label, kept)))
+    boundaries = np.flatnonzero(together[1:] > 0.7 * len(bodily)) + 1
+    return np.asarray(binary_fill_holes(np.isin(label, boundaries)))
 
 
 def _large_background(reel: Reel, small: Array, weight: Array, reach: Array) -> Array:

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from pliant.errors import InputError, explain_validation
 from pliant.recording import append_history, make_recording
 from pliant.recording.camera import Camera, in_plane
-from pliant.video.container import judge_film
+from pliant.recording.stated import WARNING, Stated, judge_stated
 from pliant.video.marks import follow_aruco, follow_dots
 from pliant.video.overlay import ENDINGS, overlay
 from pliant.video.reel import Reel, even_exposure, open_reel
@@ -32,6 +32,59 @@ MOST_GAPS = 0.5  # largest fraction of frames that may be gaps
 MOVES = 0.7  # pixels per frame: a repeated frame is detectable only in faster motion
 STANDS, LEAPS = 0.2, 1.7  # relative to the neighbours' steps: of a repeated frame, and after a lost one
 ALIKE = 0.35  # relative to the neighbours' change of the picture: of a repeated frame
+
+
+FEW = 0.1  # of the frames of a container that may list frames which are not shown, such as those before a cut
+UNSTATED = 0xFFFFFFFF
+
+
+def stated_bytes(path: Path) -> int:
+    """Return the number of bytes that the chunks of an AVI file, or the boxes of an MP4 or MOV file, state; 0 for other
+    containers and for files that do not state it.
+
+    Sources: Microsoft, AVI RIFF File Reference; ISO/IEC 14496-12, 4.2
+    """
+    size, position = path.stat().st_size, 0
+    with path.open("rb") as file:
+        head = file.read(12)
+        riff = head.startswith(b"RIFF")
+        if not riff and head[4:8] not in (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"):
+            return 0
+        while position + 8 <= size:
+            file.seek(position)
+            head = file.read(16)
+            length = int.from_bytes(head[4:8], "little") + 8 if riff else int.from_bytes(head[:4], "big")
+            if riff and length - 8 in (0, UNSTATED):  # of a recording that was not closed
+                return 0
+            if not riff and length == 1:
+                length = int.from_bytes(head[8:16], "big")
+            if not riff and length < 8:  # the last box takes the rest of the file
+                return size
+            if riff and head[:4] not in (b"RIFF", b"JUNK", b"idx1"):
+                return size
+            position += length + (length % 2 if riff else 0)
+    return position - (1 if riff and position == size + 1 else 0)
+
+
+def judge_film(path: Path, stated: int, read: int, *, incomplete: bool) -> list[str]:
+    """Return warnings where fewer frames were decoded than a film states, or where its file is shorter than it states.
+
+    Raises
+    ------
+    InputError
+        When the file is truncated or frames are lost, unless `incomplete` accepts that.
+    """
+    length, size = stated_bytes(path), path.stat().st_size
+    lost = stated - read
+    with path.open("rb") as file:
+        avi = file.read(4) == b"RIFF"
+    if lost <= 0 and length <= size:
+        return []
+    if length <= size and not avi and lost <= max(1, FEW * stated):
+        return [f"{WARNING}{path.name} states {stated} frames, but {read} of {stated} were decoded"]
+    entries = [Stated("frames", "its index", stated, read, "at least"),
+               Stated("bytes", "its container", length, size, "at least")]  # fmt: skip
+    return judge_stated(entries, path.name, incomplete=incomplete, place="[tracking]")
 
 
 @dataclass(frozen=True)
@@ -134,10 +187,10 @@ def track_video(
     names, findings, frames = _followed(reel, how)
     times, points, change, before = list[float](), list[Array | None](), list[float](), None
     with overlay(reel, how.overlays) as draw:
-        for time, picture, found in frames:
-            draw(time, picture, found)
+        for time, picture, marks in frames:
+            draw(time, picture, marks)
             times.append(time)
-            points.append(None if found is None else found.astype(np.float32))
+            points.append(None if marks is None else marks.astype(np.float32))
             sparse = picture[::SPARSE, ::SPARSE].astype(np.float32)
             change.append(float(np.abs(sparse - before).mean()) if before is not None else np.nan)
             before = sparse
@@ -231,8 +284,8 @@ def _times(reel: Reel, camera: Camera, time: Array) -> tuple[Array, list[str], f
         time = np.arange(len(time)) / camera.rate_hz
     if (np.diff(time) <= 0).any():
         raise InputError(f"{reel.path.name}: the frame times of the file do not increase: set rate_hz in [camera]")
-    missing, places = lost_in_times(time)
-    findings.append(f"{missing} frames are missing in {places} gap(s) of the file's times")
+    missing, indices = lost_in_times(time)
+    findings.append(f"{missing} frames are missing in {indices} gap(s) of the file's times")
     period = float(np.median(np.diff(time)))
     open_s = 1e-3 * camera.exposure_ms if camera.exposure_ms is not None else None
     read_s = 1e-3 * camera.readout_ms if camera.readout_ms is not None else None

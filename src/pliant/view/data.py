@@ -70,9 +70,9 @@ def measured_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
     """Return the measured motion [mm, degrees for angles alone] and inputs [kPa, N, mm or rad] of a recording."""
     exp, inputs = record.experiment, []
     for name, trace in exp.traces.items():
-        seen = np.interp(exp.time[::every], trace.time, trace.pressure, left=np.nan, right=np.nan)
+        pressure = np.interp(exp.time[::every], trace.time, trace.pressure, left=np.nan, right=np.nan)
         factor, _ = shown_in(record.unit_of(name))
-        inputs.append({"name": f"measured, {name}" if name else "measured", "value": pack.add(factor * seen)})
+        inputs.append({"name": f"measured, {name}" if name else "measured", "value": pack.add(factor * pressure)})
     word, unit = input_words(record.units)
     return {
         "stations": list(exp.stations), "shown": evenly_spaced(len(exp.stations), 3), "kind": exp.excitation,
@@ -131,8 +131,8 @@ def visible(record: RecordOutcome) -> Array:
     """Return the prediction (T, S, d) of the plain map, NaN where it is so far from measured and modelled values that
     it would set the scale of the plot.
     """
-    shown = np.concatenate([record.experiment.compared, record.modelled])
-    low, high = np.nanmin(shown, axis=0), np.nanmax(shown, axis=0)
+    points = np.concatenate([record.experiment.compared, record.modelled])
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     margin, baseline = MARGIN * (high - low), np.asarray(record.baseline)
     return np.where((baseline >= low - margin) & (baseline <= high + margin), baseline, np.nan)
 
@@ -145,14 +145,14 @@ def shape_of(shape: Shape, pack: Pack) -> dict[str, Any]:
     stretch = -(-order.time.size // MOST_FRAMES)
     starts = np.arange(0, order.time.size, stretch)  # start of each interval, whose largest error is shown
     frames = np.unique(np.linspace(0, len(shape.curvature) - 1, min(PROFILES, len(shape.curvature))).astype(int))
-    places = np.unique(np.linspace(0, shape.arc_length.size - 1, min(PLACES, shape.arc_length.size)).astype(int))
+    stations = np.unique(np.linspace(0, shape.arc_length.size - 1, min(PLACES, shape.arc_length.size)).astype(int))
     return {
         "name": shape.name, "orders": list(order.orders), "used": shape.links.n,
         "bound": None if order.bound is None else 1e3 * order.bound, "time": clock(order.time[starts], pack),
         "error": pack.add(np.stack([1e3 * np.maximum.reduceat(e, starts) for e in order.max_error], axis=1)),
-        "arc": clock(1e3 * shape.arc_length[places], pack),
-        "curvature": pack.add(shape.curvature[np.ix_(frames, places)].T),
-        "rest": pack.add(shape.rest_curvature[places]), "frames": len(shape.curvature),
+        "arc": clock(1e3 * shape.arc_length[stations], pack),
+        "curvature": pack.add(shape.curvature[np.ix_(frames, stations)].T),
+        "rest": pack.add(shape.rest_curvature[stations]), "frames": len(shape.curvature),
     }
 
 
@@ -187,9 +187,9 @@ def clocks_of(c: Clocks, pack: Pack) -> dict[str, Any]:
     motion, pressure = (np.interp(time, t, v) for t, v in ((c.time, c.motion), (moved, c.pressure)))
     motion = motion * (np.sign((motion - motion.mean()) @ (pressure - pressure.mean())) or 1.0)
     level = (c.pressure - c.pressure.min()) / max(float(np.ptp(c.pressure)), 1e-300)
-    shown = [np.interp(time, t, level, left=np.nan, right=np.nan) for t in (moved, c.clock)]
+    logs = [np.interp(time, t, level, left=np.nan, right=np.nan) for t in (moved, c.clock)]
     return {"time": clock(time, pack), "motion": pack.add((motion - motion.min()) / max(float(np.ptp(motion)), 1e-300)),
-            "moved": pack.add(shown[0]), "logged": pack.add(shown[1])}
+            "moved": pack.add(logs[0]), "logged": pack.add(logs[1])}
 
 
 @dataclass

@@ -306,7 +306,7 @@ def page_content(source: Path, log: Path | None = None, touch: float = 0.0) -> P
     log : Path, optional
         log.csv of a control loop of the same body, to be watched.
     touch : float
-        Unexplained joint torque [N m] above which a touch is shown; see `pliant.view.watched.WatchedLoop`.
+        Unexplained joint torque [N m] above which a touch is shown; see `pliant.view.server.WatchedLoop`.
 
     Raises
     ------

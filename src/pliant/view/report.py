@@ -75,10 +75,10 @@ def report_page(outcome: StudyOutcome) -> str:
     """Return the HTML text of the report."""
     pack = Pack()
     data = page_data(outcome, pack)
-    shown = content(outcome) | {"every": data["every"]}
+    filled = content(outcome) | {"every": data["every"]}
     scripts = [asset("uPlot.iife.min.js"), asset("figures.js"), asset("report.js")]
     return template("report.html.j2").render(
-        shown, data=script_json(data), block=pack.text(), scripts=scripts,
+        filled, data=script_json(data), block=pack.text(), scripts=scripts,
         styles=[asset("uPlot.min.css"), asset("page.css")],
     )
 
@@ -168,9 +168,9 @@ def band_sentence(fit: FitOutcome, record: RecordOutcome) -> str:
     covariance = fit.result.covariance
     if record.band is None or covariance is None:
         return ""
-    held = digits(record.metrics.get("within_band_percent"), 3, zeros=False)
+    within = digits(record.metrics.get("within_band_percent"), 3, zeros=False)
     return (f"The {100 * record.band.level:g} % band combines the parameters' uncertainty ({covariance.source}) with "
-            f"residuals as large as in training; it contains {held} % of the measured coordinates.")
+            f"residuals as large as in training; it contains {within} % of the measured coordinates.")
 
 
 def selection_block(selection: ModelSelection) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from pliant.failures import NotComputed
 from pliant.identification.parameters import Parameter, kind_of
 from pliant.identification.result import FitResult
 from pliant.model import Model
-from pliant.model.section import PLACEMENT, bending_stiffness, joint_placement
+from pliant.model.summary import PLACEMENT, bending_stiffness, joint_placement
 from pliant.selection import ModelSelection
 from pliant.simulation import modes
 from pliant.units import KIND_OF
@@ -99,8 +99,8 @@ def fit_table(fits: Sequence[FitOutcome], order: Sequence[str]) -> dict[str, Any
     """Return the table of fits (rows) and recordings (columns, held-out ones first): error and role in every cell."""
     role: dict[str, str] = {}
     pairs = [(r.name, r.role) for f in fits for r in f.records] + [(m.record, m.role) for f in fits for m in f.missing]
-    for name, own in pairs:
-        role[name] = "held_out" if "held_out" in (own, role.get(name)) else own
+    for name, entry in pairs:
+        role[name] = "held_out" if "held_out" in (entry, role.get(name)) else entry
     rank = {n: k for k, n in enumerate(dict.fromkeys([*order, *role]))}
     names = sorted(role, key=lambda n: (role[n] != "held_out", rank[n]))
     rows = []
@@ -127,7 +127,7 @@ def plain_maps(fits: Sequence[FitOutcome]) -> list[dict[str, Any]]:
     """Return the title of each plain map, the fits with which it shares its training recordings, and sentences on it
     and on the records that it predicts better than their models.
     """
-    shown: dict[tuple[Any, ...], dict[str, Any]] = {}
+    rows: dict[tuple[Any, ...], dict[str, Any]] = {}
     for f in (f for f in fits if f.baseline):
         b: Any = f.baseline
         key = (b.title, b.training_error, b.left_out_error)
@@ -135,14 +135,14 @@ def plain_maps(fits: Sequence[FitOutcome]) -> list[dict[str, Any]]:
         first = (f"RMS error {error}{digits(b.training_error)} {b.unit} in training; {b.coefficients} coefficients, "
                  f"ridge {b.ridge:g}, {b.frames} training frames. Beyond the range of the training inputs it "
                  f"{'holds its value at their edge' if b.held else 'extrapolates'}.")
-        entry = shown.setdefault(key, {"title": b.title, "fits": [], "lines": [first, *b.notes]})
+        entry = rows.setdefault(key, {"title": b.title, "fits": [], "lines": [first, *b.notes]})
         entry["fits"].append(f.title)
         entry["lines"] += [" ".join((f"{f.title}:", s, b.suggestion)).strip() for s in [better_sentence(f)] if s]
         if b.explained:
             parts = ", ".join(f"{name} {100 * value:.0f} %" for name, value in b.explained.items())
             entry["lines"].append(f"{f.title}: fractions of the model's squared residual there, by what explains them "
                                   f"(they overlap): {parts}.")
-    return [{**entry, "fits": ", ".join(entry["fits"])} for entry in shown.values()]
+    return [{**entry, "fits": ", ".join(entry["fits"])} for entry in rows.values()]
 
 
 def parameter_row(p: Parameter) -> dict[str, str]:
@@ -194,9 +194,9 @@ def not_shown(result: FitResult) -> list[str]:
     ]
     covariance = result.covariance
     if covariance is not None:
-        shown = [i for i, hidden in enumerate(covariance.hidden) if not hidden]
-        tied = [(abs(c), f"{covariance.names[i]} and {covariance.names[j]}", c) for k, i in enumerate(shown)
-                for j in shown[:k] if abs(c := float(covariance.correlation[i, j])) > TIED]
+        visible = [i for i, hidden in enumerate(covariance.hidden) if not hidden]
+        tied = [(abs(c), f"{covariance.names[i]} and {covariance.names[j]}", c) for k, i in enumerate(visible)
+                for j in visible[:k] if abs(c := float(covariance.correlation[i, j])) > TIED]
         said += [f"{pair} compensate each other: their errors are correlated by {digits(c, 2)}."
                  for _, pair, c in sorted(tied, reverse=True)]
     return said

@@ -7,10 +7,10 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.section import bending_stiffness
-from pliant.preprocessing.alignment import alignment_of
+from pliant.model.summary import bending_stiffness
 from pliant.preprocessing.plausibility.contract import Case, Check
 from pliant.preprocessing.plausibility.shape import LEAST_BODY, MOST_BODY
+from pliant.preprocessing.side import alignment_of
 
 SHORTER, LONGER = 0.7, 5.0  # stated length relative to the reach in the recording
 DENSITY = (200.0, 8000.0)  # kg/m3: foam, and steel
@@ -123,12 +123,12 @@ def torque(case: Case) -> str:
     if case.model is None:
         return ""
     inputs = [c for c in case.model.chambers if c.kind == "pressure"]  # a tendon's torque is for a newton or a metre
-    made = max((float(np.max(np.abs(c.lever_at(0.0) * c.joint_gain))) for c in inputs), default=0.0)
+    peak = max((float(np.max(np.abs(c.lever_at(0.0) * c.joint_gain))) for c in inputs), default=0.0)
     wide = USUAL_WIDTH * case.model.length if case.diameter is None else case.diameter
     most = LARGEST_ARM * wide**3
-    if made <= most:
+    if peak <= most:
         return ""
-    return (f"the fitted torque of {made:.3g} N m/Pa is an area times a lever arm of {made:.3g} m^3, but a section of "
+    return (f"the fitted torque of {peak:.3g} N m/Pa is an area times a lever arm of {peak:.3g} m^3, but a section of "
             f"{1e3 * wide:.3g} mm diameter has {most:.2g} at most: check mass (kg), length (m) and the "
             "unit of pressure")  # fmt: skip
 

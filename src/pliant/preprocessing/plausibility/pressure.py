@@ -43,9 +43,9 @@ def time_unit(case: Case) -> str:
 
 def chambers(case: Case) -> Iterator[tuple[str, NDArray]]:
     """Yield the name and the P measured values (P,) [Pa], without NaN, of each recorded pressure."""
-    for one in [] if case.recording is None else recorded_inputs(case.recording):
-        if one.kind == "pressure" and np.isfinite(one.values).any():
-            yield f"the pressure {one.name}".rstrip(), one.values[np.isfinite(one.values)]
+    for channel in [] if case.recording is None else recorded_inputs(case.recording):
+        if channel.kind == "pressure" and np.isfinite(channel.values).any():
+            yield f"the pressure {channel.name}".rstrip(), channel.values[np.isfinite(channel.values)]
 
 
 def ends(values: NDArray) -> tuple[float, float, float]:
@@ -103,12 +103,12 @@ def absolute(case: Case) -> str:
     for name, values in chambers(case):
         if is_absolute(values):
             start, low, _ = ends(values)
-            at = start if ATMOSPHERE[0] <= start <= ATMOSPHERE[1] else low
+            level = start if ATMOSPHERE[0] <= start <= ATMOSPHERE[1] else low
             counts = " (or raw counts of a converter: all values are whole numbers)" if whole_counts(values) else ""
             return (
-                f"{name} reads {at / 1e3:.4g} kPa without load and never comes near 0: is it absolute{counts}? The "
+                f"{name} reads {level / 1e3:.4g} kPa without load and never comes near 0: is it absolute{counts}? The "
                 "model needs gauge pressure: subtract the atmosphere by linear = { pressure = { "
-                f'offset = {-at / 1e3:.4g}, unit = "kPa" }} }} in the mapping, if it is absolute'
+                f'offset = {-level / 1e3:.4g}, unit = "kPa" }} }} in the mapping, if it is absolute'
             )
     return ""
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing import detectors
-from pliant.preprocessing.alignment import Alignment, alignment_of
-from pliant.preprocessing.base_input import BASE_SHARE, STILL_SHARE
+from pliant.preprocessing.base import BASE_SHARE, STILL_SHARE
 from pliant.preprocessing.plausibility.contract import Case, Check
+from pliant.preprocessing.side import Alignment, alignment_of
 
 LEAST_BODY, MOST_BODY = 5e-3, 10.0  # m
 MOST_TURN = 420.0  # degrees: a body that curls up once and a little more
@@ -96,9 +96,9 @@ def moving_base(case: Case) -> str:
     if base not in names or len(names) < 2:
         return ""
     travel = np.nan_to_num(detectors.travel(detectors.without_spikes(case.recording["position"].values)))
-    still, own = int(np.argmin(travel)), travel[names.index(base)]
-    if own > BASE_SHARE * travel.max() and travel[still] < STILL_SHARE * own:
-        return (f"the base station {base} moves by {1e3 * own:.3g} mm, but {names[still]} by only "
+    still, base_travel = int(np.argmin(travel)), travel[names.index(base)]
+    if base_travel > BASE_SHARE * travel.max() and travel[still] < STILL_SHARE * base_travel:
+        return (f"the base station {base} moves by {1e3 * base_travel:.3g} mm, but {names[still]} by only "
                 f"{1e3 * travel[still]:.2g} mm: are the stations in reverse order? Set base in [alignment.options] "
                 "to the station that does not move, and list the stations from there to the tip")  # fmt: skip
     return ""

@@ -1,8 +1,6 @@
 """A virtual camera that films the virtual actuator and returns the true motion with the film."""
 
-from pliant.testbed.camera.film import Filmed, film, film_motion
-from pliant.testbed.camera.scene import Look
-from pliant.testbed.camera.shutter import Scene, Shutter
-from pliant.testbed.camera.view import View
+from pliant.testbed.camera.film import Filmed, Scene, Shutter, film, film_motion
+from pliant.testbed.camera.scene import Look, View
 
 __all__ = ["Filmed", "Look", "Scene", "Shutter", "View", "film", "film_motion"]

@@ -13,10 +13,8 @@ import numpy as np
 
 from pliant.files import write_text
 from pliant.testbed.bundle import FOLDER
-from pliant.testbed.camera.film import film
-from pliant.testbed.camera.scene import Look
-from pliant.testbed.camera.shutter import Shutter
-from pliant.testbed.camera.view import View
+from pliant.testbed.camera.film import Shutter, film
+from pliant.testbed.camera.scene import Look, View
 from pliant.testbed.scenarios import Command, Scenario
 
 SEED = 1
@@ -31,7 +29,7 @@ SHUTTER = Shutter(exposure=2e-3, defocus=0.5, noise=2.0)
 
 def case() -> Scenario:
     """Return the scenario of the bundled film: three pulses of pressure."""
-    steps = tuple(point for at, level in zip(EDGES, LEVELS, strict=True) for point in ((at, level), (at + WIDTH, 0.0)))
+    steps = tuple(point for t, level in zip(EDGES, LEVELS, strict=True) for point in ((t, level), (t + WIDTH, 0.0)))
     return Scenario("filmed_pulses", "pulses of 60, 180 and 119 kPa", END, Command("steps", steps))
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Self
 
 import numpy as np
 
 from pliant.recording.camera import opencv
-from pliant.testbed.camera.view import View
 
 Array = np.ndarray
 Colour = tuple[float, float, float]  # blue, green, red; 0 to 255
@@ -16,6 +15,78 @@ Layer = tuple[list[Array], Colour]  # outlines (N, 2) that do not overlap, and t
 SKIN: Colour = (140.0, 165.0, 215.0)
 CELLS = 6  # per side of a 4 x 4 marker with its frame
 PIECES = 4  # pieces of an outline per pixel
+
+
+CORNERS_MM = ((-120.0, -20.0), (60.0, -20.0), (60.0, 180.0), (-120.0, 180.0))  # corners of a sheet behind the body
+
+
+@dataclass(frozen=True)
+class View:
+    """Position and optics of a camera that looks at the plane of bending.
+
+    Attributes
+    ----------
+    size : (width, height), pixels
+    pixels_per_mm : float
+        Scale in the middle of the picture.
+    centre : (float, float), m
+        Point of the plane (base at the origin, tangent +y) in the middle of the picture.
+    distance : float, m
+        Distance from the camera to `centre`; it sets the strength of the perspective.
+    aside, tilt : float, rad
+        Angles by which the camera stands beside and above the normal of the plane.
+    coefficients : tuple of float
+        Distortion coefficients of the lens in OpenCV's order; empty: no distortion.
+    """
+
+    size: tuple[int, int] = (1920, 1080)
+    pixels_per_mm: float = 4.8
+    centre: tuple[float, float] = (-0.035, 0.082)
+    distance: float = 0.9
+    aside: float = 0.0
+    tilt: float = 0.0
+    coefficients: tuple[float, ...] = ()
+
+    @property
+    def focal(self) -> float:
+        """Focal length, pixels."""
+        return 1e3 * self.pixels_per_mm * self.distance
+
+    def scaled(self, width: int) -> Self:
+        """Return the same view with a picture `width` pixels wide."""
+        share = width / self.size[0]
+        size = (width, round(share * self.size[1] / 2) * 2)
+        return replace(self, size=size, pixels_per_mm=share * self.pixels_per_mm)
+
+    def pixels(self, plane: Array) -> Array:
+        """Return the pixel coordinates (x to the right, y down) of points `plane` (..., 2) [m] in the plane of
+        bending.
+        """
+        x, y = plane[..., 0] - self.centre[0], self.centre[1] - plane[..., 1]
+        across, depth = x * np.cos(self.aside), x * np.sin(self.aside)
+        down, behind = y * np.cos(self.tilt) - depth * np.sin(self.tilt), y * np.sin(self.tilt)
+        away = self.distance + depth * np.cos(self.tilt) + behind
+        distorted = np.stack(_bent(across / away, down / away, self.coefficients), axis=-1)
+        return np.asarray(self.focal * distorted + 0.5 * (np.array(self.size) - 1.0))
+
+    def table(self) -> dict[str, Any]:
+        """Return this camera's ``[camera]`` table for a mapping that describes how to read a film: four points of the
+        plane in pixels and mm, and the lens if it distorts.
+        """
+        corners = self.pixels(1e-3 * np.array(CORNERS_MM))
+        table: dict[str, Any] = {"plane": {"pixels": corners.tolist(), "mm": [list(c) for c in CORNERS_MM]}}
+        if self.coefficients:
+            middle = [0.5 * (n - 1.0) for n in self.size]
+            table["lens"] = {"focal": [self.focal, self.focal], "centre": middle, "coefficients": [*self.coefficients]}
+        return table
+
+
+def _bent(x: Array, y: Array, coefficients: tuple[float, ...]) -> tuple[Array, Array]:
+    """Return normalised image coordinates distorted by OpenCV's lens model (k1, k2, p1, p2, k3)."""
+    k1, k2, p1, p2, k3 = (*coefficients, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+    r2 = x**2 + y**2
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
 
 
 @dataclass(frozen=True)
@@ -99,13 +170,13 @@ def layers(view: View, look: Look, shape: Array) -> list[Layer]:
         point, normal = line(s), _normal(line, s)
         return view.pixels(np.concatenate([point + left * half * normal, (point + right * half * normal)[::-1]]))
 
-    made = [([ribbon(1.0, -1.0)], look.body)]
+    drawn = [([ribbon(1.0, -1.0)], look.body)]
     if look.gloss:
         bright = [min(255.0, c + look.gloss) for c in look.body]
-        made.append(([ribbon(0.55, 0.15)], (bright[0], bright[1], bright[2])))
-    for k, place in enumerate(look.mark_places if look.marks != "none" else ()):
-        made += _mark(view, look, line, place * along[-1], k)
-    return made
+        drawn.append(([ribbon(0.55, 0.15)], (bright[0], bright[1], bright[2])))
+    for k, fraction in enumerate(look.mark_places if look.marks != "none" else ()):
+        drawn += _mark(view, look, line, fraction * along[-1], k)
+    return drawn
 
 
 def _normal(line: Any, s: Array) -> Array:
@@ -132,8 +203,8 @@ def _mark(view: View, look: Look, line: Any, s: float, number: int) -> list[Laye
         """Return the outline [pixels] of a square in a marker's grid. Its sides are `cells` grid cells long, and its
         first corner lies at the grid position `corner`.
         """
-        place = (unit * cells + corner) / CELLS - 0.5
-        return view.pixels(line(s) + side * (place * [-1.0, 1.0]) @ frame)
+        corners = (unit * cells + corner) / CELLS - 0.5
+        return view.pixels(line(s) + side * (corners * [-1.0, 1.0]) @ frame)
 
     white = [square(np.array([column, CELLS - 1 - row]), 1) for row, column in zip(*np.nonzero(cells), strict=True)]
     return [([square(np.zeros(2), CELLS)], (20.0, 20.0, 20.0)), (white, (235.0, 235.0, 235.0))]
@@ -150,17 +221,17 @@ def hand(view: View, look: Look, time: float) -> list[Layer]:
     share = (time - begin) / (end - begin)
     tip = np.array([width * (0.12 + 0.62 * np.sin(np.pi * share)), height * 0.42])  # of the longest finger
     reach = 0.055 * width
-    made: list[Layer] = []
+    drawn: list[Layer] = []
     for k, back in enumerate((0.35, 0.0, 0.1, 0.5)):
         y = tip[1] + (k - 1) * 0.9 * reach * 0.55
         end_x = tip[0] - back * reach
         round_end = [[end_x - 0.2 * reach * (1 - np.cos(a)), y + 0.22 * reach * np.sin(a)]
                      for a in np.linspace(-np.pi / 2, np.pi / 2, 12)]  # fmt: skip
         back_x = tip[0] - 2.4 * reach
-        made.append(([np.array([[back_x, y - 0.22 * reach], *round_end, [back_x, y + 0.22 * reach]])], SKIN))
+        drawn.append(([np.array([[back_x, y - 0.22 * reach], *round_end, [back_x, y + 0.22 * reach]])], SKIN))
     palm = [[-reach * 3, -reach], [tip[0] - 2.2 * reach, -reach], [tip[0] - 1.8 * reach, reach * 0.8],
             [tip[0] - 2.4 * reach, reach * 1.8], [-reach * 3, reach * 1.6]]  # fmt: skip
-    return [*made, ([np.add(palm, [0.0, tip[1]])], SKIN)]
+    return [*drawn, ([np.add(palm, [0.0, tip[1]])], SKIN)]
 
 
 def over(picture: Array, shapes: list[Layer]) -> Array:
@@ -223,7 +294,7 @@ def coverage(outlines: list[Array], box: tuple[int, int, int, int]) -> Array:
         for row, rise in ((np.floor(y), first - y), (np.floor(end), end - first)):
             inside = (row >= 0) & (row < h) & (rise != 0)
             column = np.clip(x[inside], 0.0, w)
-            place = (row[inside] * (w + 2) + np.floor(column)).astype(int)
+            cell = (row[inside] * (w + 2) + np.floor(column)).astype(int)
             left = rise[inside] * (1.0 - column % 1.0)
-            total += np.bincount(place, left, total.size) + np.bincount(place + 1, rise[inside] - left, total.size)
+            total += np.bincount(cell, left, total.size) + np.bincount(cell + 1, rise[inside] - left, total.size)
     return np.abs(np.cumsum(total.reshape(h, w + 2), axis=1)[:, :w]).astype(np.float32)
