@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import chunks  # noqa: F401  # one thread
 import numpy as np
 
 from pliant.study import load_study

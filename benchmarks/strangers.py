@@ -1,6 +1,6 @@
 """Measure how often the true parameters of unknown bodies lie within two standard errors of their fitted values.
 
-    python benchmarks/strangers.py -o results/strangers --seeds 12             # resumes where it stopped
+    python benchmarks/strangers.py --first 100 --seeds 20 --kind three
 
 Each seed draws a rod of the virtual laboratory: another discretisation and another solver than the chain that is
 fitted to it. The rod has what the chain lacks: friction, a lever that grows with the bend, a base that is turned and
@@ -12,19 +12,16 @@ error is at most half of its value.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import argparse
 from typing import Any
 
-import chunks
 import numpy as np
-import xarray as xr
 
 from pliant.errors import PliantError
 from pliant.identification import Experiment, FitResult, Parameter, fit
 from pliant.model import Chamber, Model, Station, chain_model
 from pliant.selection.determined import DETERMINED
 from pliant.simulation import Trace
-from pliant.sweep.store import Arrays
 from pliant.testbed.rod import ChamberParameters, RodParameters
 from pliant.testbed.stepping import simulate
 
@@ -36,7 +33,6 @@ PLACES = (0.45, 0.75, 1.0)  # of the length: stations
 ONE = {"low": (0.5,), "middle": (0.75,), "high": (1.0,)}  # of the working pressure, for each recording and chamber
 TWO = {"first": (1.0, 0.0), "second": (0.0, 1.0), "both": (0.7, 0.8)}
 NAMES = ("near", "far")
-MOST = 4  # parameters of a fit
 
 
 def drawn(seed: int) -> tuple[RodParameters, dict[str, Any]]:
@@ -144,42 +140,35 @@ def fitted(seed: int, kind: str) -> tuple[dict[str, float], FitResult]:
     return true, fit(train, chain(rod), [Parameter(n) for n in true], starts=1)
 
 
-@dataclass(frozen=True)
-class Strangers(chunks.OneByOne):
-    """Chunks of one seed each."""
-
-    first: int = 0
-    kind: str = "three"
-
-    def work(self, chunk: int) -> Arrays:
-        """Return the errors of one seed in standard errors and relative to the truth, and the standard errors relative
-        to the values (1, 4).
-        """
-        rows = {k: np.full((1, MOST), np.nan) for k in ("off", "size", "relative", "scattered")}
-        refused = False
-        try:
-            true, result = fitted(self.first + chunk, self.kind)
-            assert result.covariance is not None
-            scatter = dict(zip(result.covariance.names, result.covariance.std, strict=True))
-            for k, p in enumerate(p for p in result.parameters if p.free):
-                std, value = p.std or np.nan, float(p.value or 0.0)
-                rows["off"][0, k] = (value - true[p.name]) / std
-                rows["scattered"][0, k] = (value - true[p.name]) / (scatter[p.name] or np.nan)
-                rows["size"][0, k] = std / abs(value)
-                rows["relative"][0, k] = value / true[p.name] - 1.0 if true[p.name] else np.nan
-        except PliantError as error:
-            print(f"seed {self.first + chunk}: {error}")
-            refused = True
-        return {**rows, "refused": np.array([refused])}
+def errors_of(seed: int, kind: str) -> dict[str, Any] | None:
+    """Return the errors of the parameters of one seed in standard errors and relative to the truth, and the standard
+    errors relative to the values (P,); None if the fit is refused.
+    """
+    try:
+        true, result = fitted(seed, kind)
+    except PliantError as error:
+        print(f"seed {seed}: {error}")
+        return None
+    assert result.covariance is not None
+    scatter = dict(zip(result.covariance.names, result.covariance.std, strict=True))
+    free = [p for p in result.parameters if p.free]
+    off = np.array([float(p.value or 0.0) - true[p.name] for p in free])
+    std, scattered = (np.array([s or np.nan for s in some]) for some in (
+        [p.std for p in free], [scatter[p.name] for p in free]))  # fmt: skip
+    value, truths = np.array([float(p.value or 0.0) for p in free]), np.array([true[p.name] for p in free])
+    return {"off": off / std, "scattered": off / scattered, "size": std / np.abs(value),
+            "relative": off / np.where(truths, truths, np.nan)}  # fmt: skip
 
 
-def table(samples: xr.Dataset) -> str:
+def summary(bodies: list[dict[str, Any] | None]) -> str:
     """Return the fraction of determined parameters whose truth lies within two standard errors, and their errors."""
-    off, size = np.abs(samples["off"].values), samples["size"].values
+    kept = [body for body in bodies if body is not None]
+    off, size, relative, scattered = (np.concatenate([body[name] for body in kept])
+                                      for name in ("off", "size", "relative", "scattered"))  # fmt: skip
     determined = np.isfinite(off) & (size <= DETERMINED)
-    z, relative = off[determined], samples["relative"].values[determined]
-    within, scattered = np.mean(z <= 2.0), np.mean(np.abs(samples["scattered"].values[determined]) <= 2.0)
-    return (f"{off.shape[0]} bodies, {int(samples['refused'].sum())} refused; {z.size} of {np.isfinite(off).sum()} "
+    z, relative = np.abs(off[determined]), relative[determined]
+    within, scattered = np.mean(z <= 2.0), np.mean(np.abs(scattered[determined]) <= 2.0)
+    return (f"{len(bodies)} bodies, {len(bodies) - len(kept)} refused; {z.size} of {np.isfinite(off).sum()} "
             f"parameters determined; truth within 2 standard errors of {100 * within:.0f} % of these "
             f"({100 * scattered:.0f} % without errors of the model's form); distance median {np.median(z):.2g}, nine "
             f"in ten below {np.quantile(z, 0.9):.2g}, worst {z.max():.3g} standard errors; median error "
@@ -188,14 +177,13 @@ def table(samples: xr.Dataset) -> str:
 
 
 def main() -> None:
-    """Compute missing seeds and print the table."""
-    parser = chunks.options(__doc__, "strangers", 12)
+    """Compute the seeds and print a summary."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--seeds", type=int, default=12, help="number of seeds")
     parser.add_argument("--kind", choices=list(DURATION), default="three", help="training recordings")
     args = parser.parse_args()
-    key = {"strangers": 1, "first": args.first, "kind": args.kind}
-    samples = chunks.samples(Strangers(args.seeds, args.first, args.kind), key, args)
-    print(table(samples))
+    print(summary([errors_of(args.first + k, args.kind) for k in range(args.seeds)]))
 
 
 if __name__ == "__main__":
