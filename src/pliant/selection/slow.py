@@ -1,4 +1,4 @@
-"""The first model of a body in space that follows its inputs slowly, without ringing: its settled shapes come first.
+"""The first model of a body that follows its inputs slowly, without ringing: in space, its settled shapes come first.
 
 Nothing that rings shows no scale of the stiffness, and an estimate of it from the motion leads far off. But the frames
 of such recordings are nearly settled shapes under inputs behind one lag. A few of them determine gains, axial gains and
@@ -100,31 +100,33 @@ def settled(exp: Experiment, constant: float) -> Experiment:
     return replace(few, poses=True, drives={n: t for n, t in traces.items() if n}, pressure=next(iter(traces.values())))
 
 
-def may_be_slow(train: Sequence[Experiment], model: Model) -> bool:
-    """Return whether settled shapes can come first: positions in space under measured inputs alone, without a free
-    decay.
-    """
+def may_be_slow(train: Sequence[Experiment]) -> bool:
+    """Return whether all recordings show positions under measured inputs alone, without a free decay."""
     plain = all(e.excitation == "trace" and not (e.poses or e.without_positions or e.forces or e.further or e.base)
                 for e in train)  # fmt: skip
-    return model.space is not None and plain and all(free_decay(e) is None for e in train)
+    return plain and all(free_decay(e) is None for e in train)
 
 
 @dataclass(frozen=True)
 class SlowBody:
-    """Recordings of a body that follows its inputs with a time constant [s], and their settled shapes."""
+    """Recordings of a body that follows its inputs with a time constant [s], and their settled shapes: none in a plane,
+    where a chain has no poses.
+    """
 
     setting: FitSetting
-    shapes: FitSetting
+    shapes: FitSetting | None
     constant: float
 
     @classmethod
     def of(cls, setting: FitSetting, model: Model) -> SlowBody | None:
         """Return the recordings of a setting if they show such a body, else None."""
-        if not may_be_slow(setting.experiments, model):
+        if not may_be_slow(setting.experiments):
             return None
         constant = time_constant(setting.experiments, model.actuation.names)
         if constant is None:
             return None
+        if model.space is None:
+            return cls(setting, None, constant)
         shapes = tuple(settled(e, constant) for e in setting.experiments)
         return cls(setting, replace(setting, experiments=shapes), constant)
 
@@ -132,21 +134,46 @@ class SlowBody:
         self, model: Model, common: Sequence[Entry], lengthening: Term | None, time_step: float | None,
     ) -> tuple[FitSetting, FittedModel, list[Term]]:
         """Return the setting of all fits of a search, the model with which it begins, fitted to the recordings, and the
-        term that lengthens the body if the settled shapes are then predicted better from each other.
+        term that lengthens the body if the recordings, or their settled shapes, are then predicted better from each
+        other.
         """
-        stiffness = least_stiffness(model, self.constant)
-        best = min((self.static(model, common, factor * stiffness) for factor in SOFTER), key=lambda fit: fit.cost)
+        least = least_stiffness(model, self.constant)
+        if self.shapes is None:
+            fits = [self.in_plane(one, common, least, time_step)
+                    for one in (model, *([] if lengthening is None else [lengthening.model(model)]))]  # fmt: skip
+            longer = len(fits) > 1 and score(fits[1]) < (1.0 - MATERIAL) * score(fits[0])
+            best = fits[longer]
+            setting = replace(self.setting, time_step=best.problem.time_step)
+            return setting, best, [lengthening] if longer and lengthening else []
+        best = min((self.static(model, common, factor * least) for factor in SOFTER), key=lambda fit: fit.cost)
         chosen = []
         if lengthening is not None:
             stiffness = float(apply(best.model, best.values).stiffness.mean())
-            longer = self.static(lengthening.model(model), common, stiffness)
-            if score(longer) < (1.0 - MATERIAL) * score(best):
-                best, chosen = longer, [lengthening]
-        parameters = self.moving(best, common)
-        values = {p.name: p.value for p in parameters if p.value is not None}
-        step = time_step or fit_step(best.model, values, self.setting.experiments)
-        setting = replace(self.setting, time_step=step)
+            longest = self.static(lengthening.model(model), common, stiffness)
+            if score(longest) < (1.0 - MATERIAL) * score(best):
+                best, chosen = longest, [lengthening]
+        setting = self.stepped(best.model, parameters := self.moving(best, common), time_step)
         return setting, fitted(setting, best.model, parameters, prior_weight=best.prior_weight), chosen
+
+    def stepped(self, model: Model, parameters: Sequence[Parameter], time_step: float | None) -> FitSetting:
+        """Return the setting of fits of the motion, with the step that suits the start values if none is given."""
+        values = {p.name: p.value for p in parameters if p.value is not None}
+        return replace(self.setting, time_step=time_step or fit_step(model, values, self.setting.experiments))
+
+    def in_plane(
+        self, model: Model, common: Sequence[Entry], stiffness: float, time_step: float | None,
+    ) -> FittedModel:
+        """Return the fit of the first model to the motion in a plane, with the `stiffness` [N m/rad] of its joints held
+        unless `common` states one, and damping from the time constant at the start.
+        """
+        model = model.with_(stiffness=stiffness)
+        known = {"stiffness": stiffness, "damping": joint_damping(model, self.constant),
+                 "axial_damping": self.constant * float(np.mean([e.stiffness for e in model.extensions] or [0.0]))}
+        listed = [p if p.value is not None or (kind := shared_name(p.name)) not in known
+                  else p.with_(value=known[kind], free=p.free and kind != "stiffness")
+                  for p in first_parameters(model, self.setting.experiments, common)]  # fmt: skip
+        setting = self.stepped(model, listed, time_step)
+        return with_alike(fitted(setting, model, listed), setting)
 
     def static(self, model: Model, common: Sequence[Entry], stiffness: float) -> FittedModel:
         """Return the fit of the first model to the settled shapes, with `stiffness` [N m/rad] for its joints unless
@@ -154,11 +181,12 @@ class SlowBody:
         """
         model = model.with_(stiffness=stiffness)
         listed = first_parameters(model, self.setting.experiments, common)
-        first = fitted(self.shapes, model, [self.begun(p, model) for p in listed], evaluations=0)
+        shapes = self.shapes or self.setting
+        first = fitted(shapes, model, [self.begun(p, model) for p in listed], evaluations=0)
         acting = {p.name for p, column in zip(first.problem.free, first.jacobian.T, strict=True) if column.any()}
         parameters = [replace(p, free=p.name in acting) for p in first.parameters]
-        parent = fitted(self.shapes, first.model, parameters, evaluations=STATIC_EVALUATIONS)
-        return with_places(with_alike(parent, self.shapes), self.shapes)
+        parent = fitted(shapes, first.model, parameters, evaluations=STATIC_EVALUATIONS)
+        return with_places(with_alike(parent, shapes), shapes)
 
     def begun(self, parameter: Parameter, model: Model) -> Parameter:
         """Return a parameter of the first model with its start value: stiffness held, gains without torque."""

@@ -30,12 +30,13 @@ def first_model(
     setting = FitSetting(tuple(train), 0.0, how["weighting"], how["loss"])
     slow = SlowBody.of(setting, model)
     if slow is not None:
-        notify(f"the body follows its inputs within {slow.constant:.2g} s without ringing: settled shapes come first")
+        shapes = "" if slow.shapes is None else ": settled shapes come first"
+        notify(f"the body follows its inputs within {slow.constant:.2g} s without ringing{shapes}")
         lengthening = next((t for t in terms if t.extension), None)
         try:
             begun = slow.first_model(model, common, lengthening, how["time_step"])
         except PliantError as error:
-            notify(f"warning: these shapes are of no use: {error}")
+            notify(f"warning: this is of no use: {error}")
         else:
             if together := findings_of_chambers(begun[1].free, model, train):
                 notify(f"warning: {together}")
