@@ -13,13 +13,14 @@ from pliant.errors import InputError, PliantError
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import check_choices, finished
 from pliant.identification.optimise import solve
+from pliant.identification.parameters import Parameter
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.selection.criterion import criterion, groups_of, left_out, noise_of
 from pliant.selection.determined import undetermined
 from pliant.selection.first_model import Entry, determined
-from pliant.selection.fitted import FitSetting, FittedModel, fitted
+from pliant.selection.fitted import EVALUATIONS, FitSetting, FittedModel, fitted
 from pliant.selection.result import ModelSelection, RivalModel, SelectionStep, TriedTerm
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
@@ -38,6 +39,7 @@ SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converge
 MINUTES = 5.0
 RESERVE = 0.15  # of the time: kept for the last fit
 LAST_EVALUATIONS = 60
+FEWEST_EVALUATIONS = 3  # of a fit, however little time is left
 OUT_OF_TIME = "the time limit was reached: raise minutes to go on"
 NO_BETTER = "no further term lowers the squared error of left-out parts by 3 %"
 
@@ -163,6 +165,7 @@ class Search:
     chosen: list[Term] = field(default_factory=list)
     steps: list[SelectionStep] = field(default_factory=list)
     others: list[tuple[float, str, FittedModel]] = field(default_factory=list)  # criterion, difference, fit
+    pace: float = 0.0  # s per evaluation of the last fit
 
     def __post_init__(self) -> None:
         self.allowed = self.deadline - clock.monotonic()
@@ -296,6 +299,19 @@ class Search:
         self.record(term.name, term.title)
         return ""
 
+    def affordable(self, most: int) -> int:
+        """Return how many evaluations a fit may take: at most `most`, and no more than the time left allows."""
+        left = self.deadline - clock.monotonic()
+        return most if self.pace == 0.0 else int(np.clip(left / self.pace, FEWEST_EVALUATIONS, most))
+
+    def refitted(self, model: Model, parameters: Sequence[Parameter]) -> FittedModel:
+        """Return the fit of a model from its start values, with as many evaluations as the time left allows."""
+        began = clock.monotonic()
+        end = fitted(self.setting, model, parameters, prior_weight=self.best.problem.size,
+                     evaluations=self.affordable(EVALUATIONS))  # fmt: skip
+        self.pace = (clock.monotonic() - began) / max(end.problem.evaluations, 1)
+        return end
+
     def child(self, proposal: TermProposal) -> tuple[tuple[float, FittedModel] | None, TriedTerm]:
         """Fit the model with one more term. Return the criterion and the fit, or None if the term is refused, and what
         was tried.
@@ -305,10 +321,9 @@ class Search:
         others, model = [p for p in self.best.parameters if p.name not in gone], self.model(term)
         starts = [[*others, *term.begun(proposal.row, values)] for values in proposal.starts()]
         try:
-            best = fitted(self.setting, model, self.setting.cheapest(model, starts, self.best.problem.size),
-                          prior_weight=self.best.problem.size)
+            best = self.refitted(model, self.setting.cheapest(model, starts, self.best.problem.size))
             if best.cost > (1 + SAME) * self.best.cost:
-                again = fitted(self.setting, model, starts[-1], prior_weight=self.best.problem.size)
+                again = self.refitted(model, starts[-1])
                 best = min(best, again, key=lambda end: end.cost)
         except PliantError as error:
             return None, trial._replace(reason=str(error))
@@ -351,8 +366,7 @@ class Search:
             return None
         gone = {p.name for p in term.adds}
         try:
-            end = fitted(self.setting, self.model(), [p for p in self.best.parameters if p.name not in gone],
-                         prior_weight=self.best.problem.size)
+            end = self.refitted(self.model(), [p for p in self.best.parameters if p.name not in gone])
         except PliantError:
             return None
         score = self.scored(end)
@@ -372,7 +386,7 @@ class Search:
         held = [replace(p, free=False, source=f"held: the recordings show only {vague[name]}") if p.name == name else p
                 for p in self.best.parameters]
         try:
-            self.best = fitted(self.setting, self.model(), held, prior_weight=self.best.problem.size)
+            self.best = self.refitted(self.model(), held)
         except PliantError:
             return False
         self.score = self.scored(self.best)
@@ -382,10 +396,10 @@ class Search:
     def final_fit(self) -> FitResult:
         """Return the chosen model, fitted until it converges."""
         problem, began = self.best.problem, clock.perf_counter()
-        best = solve(problem, self.best.x, self.setting.loss, LAST_EVALUATIONS)
+        best = solve(problem, self.best.x, self.setting.loss, self.affordable(LAST_EVALUATIONS))
         for _ in range(2 if problem.learns else 0):
             problem.learn_sizes(best.x)
-            best = solve(problem, best.x, self.setting.loss, LAST_EVALUATIONS)
+            best = solve(problem, best.x, self.setting.loss, self.affordable(LAST_EVALUATIONS))
         return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began, "")
 
     def rivals(self) -> tuple[RivalModel, ...]:
