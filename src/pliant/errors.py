@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from pliant.text import escaped
 
-MOST_NAMED = 20  # known entries of a table that a message lists
+MOST_NAMED = 14  # known entries of a table that a message lists
 LONGEST = 1000  # characters of a message
 HEAD, TAIL = 600, 300  # characters that are kept of a longer one: what is wrong, and what to do
 

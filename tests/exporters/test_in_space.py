@@ -35,6 +35,7 @@ def bent_alike(links: int, swing: float) -> Model:
     return model.with_(torque=[model.stiffness[0] * swing / 1e5])
 
 
+@pytest.mark.slow
 def test_state_space_follows_small_steps(spatial):
     """From its rest under all inputs, a small change of the first one."""
     from scipy.linalg import expm

@@ -104,6 +104,7 @@ def test_chambers_of_known_geometry_bend_and_lengthen_from_two_numbers():
     assert equilibrium(model, [3e4, 0.0]) == pytest.approx([bent, bent, 3e4 * 2e-4 / 150.0], rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [Memory(), Memory(creep_share=(0.2,), creep_time=(0.3,))], ids=["none", "creep"])
 def test_march_and_reference_agree_and_balance(arm, memory):
     model = arm.with_(memory=memory)
