@@ -85,9 +85,9 @@ def spatial(file: str | Path = SPATIAL, *names: str) -> None:
     for held_out in names or tuple(study.recordings):
         began, train = time.monotonic(), [name for name in study.recordings if name != held_out]
         entry = study.model_selection.model_copy(update={"train": train, "held_out": [held_out]})
-        outcome = run_study(study.model_copy(update={"model_selection": entry}))
+        outcome = run_study(study.model_copy(update={"model_selection": entry, "fits": {}}))
         assert outcome.model_selection is not None
-        fit = outcome.fits[-1]
+        (fit,) = outcome.fits
         assert fit.baseline is not None
         (record,) = [r for r in fit.records if r.role == "held_out"]
         plain = fit.baseline.records[held_out]

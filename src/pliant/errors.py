@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
+from itertools import accumulate
 from typing import Any, get_args
 
 from pliant.text import escaped
 
-MOST_NAMED = 14  # known entries of a table that a message lists
+MOST_LISTED = 220  # characters of the known entries of a table that a message lists
 LONGEST = 1000  # characters of a message
 HEAD, TAIL = 600, 300  # characters that are kept of a longer one: what is wrong, and what to do
 
@@ -97,8 +98,9 @@ def similar_entry(model: Any, path: Sequence[Any]) -> str:
     near = [k for k in known if name in k.split("_")] or get_close_matches(name, known, 1)
     if near:
         return f"use {near[0]!r}, or remove it"
-    more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
-    listing = ", ".join(known[:MOST_NAMED]) + more
+    listed = sum(end <= MOST_LISTED for end in accumulate(len(name) + 2 for name in known))
+    more = f" and {len(known) - listed} more" if len(known) > listed else ""
+    listing = ", ".join(known[:listed]) + more
     return f"remove it, or use one of {listing}" if known else "remove it or correct its name"
 
 
