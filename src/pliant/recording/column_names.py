@@ -28,9 +28,9 @@ BEHIND = re.compile(r"(.+?)[_ .:]([xyz])", re.IGNORECASE)  # tip_x
 ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
 COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
 PARTS = {  # names of seconds, and of their fraction with its unit
-    "seconds": re.compile(r"(?:.*[_ .])?secs?(?:onds)?", re.IGNORECASE),
-    "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsec(?:ond)?s?)", re.IGNORECASE),
-    "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosec(?:ond)?s?)", re.IGNORECASE),
+    "seconds": re.compile(r"(?:.*[_ .])?(?:sec|secs|seconds)", re.IGNORECASE),
+    "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),
+    "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosecs?|nanoseconds?)", re.IGNORECASE),
 }
 TURN = re.compile(r"(?:(.+?)[_ .:])?(?:q|quat(?:ernion)?|rot(?:ation)?|orientation)[_ .]?([xyzw])", re.IGNORECASE)
 BODY = "body"  # name of a single tracked body, where the names of its columns hold none
