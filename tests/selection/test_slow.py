@@ -97,3 +97,13 @@ def test_an_input_that_hardly_moves_rests_on_a_prior(rng):
     right = next(p for p in found.result.parameters if p.name == "right.gain_y")
     assert right.prior_std
     assert "left" in right.source
+
+
+@pytest.mark.slow
+def test_a_stated_damping_is_not_replaced_by_that_of_the_time_constant(rng):
+    drives = {"left": commands(rng), "right": commands(rng)}
+    path = simulate(arm(), [*drives.values()], times=TIMES, time_step=0.01)["station_position"].values
+    exp = Experiment("one", TIMES, path + NOISE * rng.normal(size=path.shape), ("tip",), "trace", drives=drives)
+    stated = Parameter("damping", 1.5, free=False)
+    found = select_model([exp], arm(stations=(), stiffness=1.0), common=["tip.along", stated], terms=[])
+    assert found.result.values["damping"] == 1.5

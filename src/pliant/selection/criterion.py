@@ -13,6 +13,7 @@ Array = np.ndarray
 RECORDINGS = 4  # from this number on, whole recordings are left out, else blocks of each
 MOST_BLOCKS, FEWEST_BLOCKS = 8, 4  # of each recording
 CORRELATION_TIMES = 3.0  # length of a block at least, in correlation times of the residual
+MATERIAL = 0.03  # of the criterion: a smaller gain does not earn a term its place
 STIFFEST = 1e-10  # relative eigenvalue below which what is left of a block does not move
 
 
@@ -73,6 +74,11 @@ def criterion(problem: Problem, predicted: Float[Array, " N"], groups: Float[Arr
     if len(problem.observed) < RECORDINGS:
         return float(sums.sum())
     return float(np.exp(np.mean(np.log(np.maximum(sums, 1e-300)))))
+
+
+def score_of(fit: FittedModel, groups: Float[Array, " N"]) -> float:
+    """Return the criterion of a fit, from the residuals of `groups` (N,) as predicted from the other groups."""
+    return criterion(fit.problem, left_out(fit.linear, groups, noise_of(fit)), groups)
 
 
 def effective_numbers(problem: Problem, residual: Array) -> float:

@@ -8,10 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from pliant.identification.chamber_parameters import has_effect, prefixes
+from pliant.identification.drives import pressures_at
 from pliant.identification.experiment import Experiment
+from pliant.identification.names import path_of
 from pliant.identification.parameters import Parameter, shared_name
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.model.parts import STATION
 from pliant.selection.determined import DETERMINED
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 
@@ -104,13 +107,11 @@ def hardly_moving(model: Model, train: Sequence[Experiment]) -> set[str]:
     """Return the names of inputs that move by less than a fifth of the range of the input of their kind that moves
     most, in the frames of all recordings that are compared.
     """
-    frames = [e.time[np.isfinite(e.compared).any(axis=(1, 2))] for e in train]
-    ranges, kinds = dict[str, float](), dict(zip(model.actuation.names, model.actuation.kinds, strict=True))
-    for name in kinds:
-        values = [trace(t) for e, t in zip(train, frames, strict=True) if (trace := e.driving(name)) is not None]
-        ranges[name] = float(np.ptp(np.concatenate(values))) if values else 0.0
-    return {name for name, moved in ranges.items()
-            if moved < HARDLY * max(ranges[other] for other in kinds if kinds[other] == kinds[name])}  # fmt: skip
+    compared = np.concatenate([np.isfinite(e.compared).any(axis=(1, 2)) for e in train])
+    ranges = np.ptp(pressures_at(model, train)[compared], axis=0)
+    kinds = np.array(model.actuation.kinds)
+    return {name for name, kind, moved in zip(model.actuation.names, kinds, ranges, strict=True)
+            if moved < HARDLY * ranges[kinds == kind].max()}  # fmt: skip
 
 
 def with_places(parent: FittedModel, setting: FitSetting) -> FittedModel:
@@ -122,8 +123,9 @@ def with_places(parent: FittedModel, setting: FitSetting) -> FittedModel:
     def loose(p: Parameter) -> bool:
         error = errors.get(p.name)
         sure = error is not None and error <= near
-        return p.free and not p.prior_std and p.name.endswith((".across", ".aside")) and not (
-            sure and abs(parent.values[p.name]) <= near)  # fmt: skip
+        path = path_of(p.name)
+        beside = path.part is STATION and path.own in ("across", "aside")
+        return p.free and not p.prior_std and beside and not (sure and abs(parent.values[p.name]) <= near)
 
     if not any(map(loose, parent.parameters)):
         return parent

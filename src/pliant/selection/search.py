@@ -17,7 +17,7 @@ from pliant.identification.parameters import Parameter
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.options import with_defaults
-from pliant.selection.criterion import criterion, groups_of, left_out, noise_of
+from pliant.selection.criterion import MATERIAL, groups_of, left_out, noise_of, score_of
 from pliant.selection.determined import undetermined
 from pliant.selection.first_model import Entry, determined
 from pliant.selection.fitted import EVALUATIONS, FitSetting, FittedModel, fitted
@@ -30,7 +30,6 @@ from pliant.selection.terms import Term, terms_for
 Array = np.ndarray
 Notify = Callable[[str], None]
 MUCH = 0.1  # of the criterion: a smaller gain does not keep a term that is not determined
-MATERIAL = 0.03  # of the criterion: a smaller gain does not earn a term its place
 REFITS = 3  # terms that are fitted in each step, those with the best screens
 MOST_REFITS = 6  # of them while none helps: a screen underestimates terms that act nonlinearly, such as friction
 ALMOST = 0.2  # of the criterion: a model within that of the chosen one is a rival
@@ -199,7 +198,7 @@ class Search:
 
     def scored(self, fit: FittedModel) -> float:
         """Return the criterion of the residuals as predicted from other parts of the recordings (see `criterion`)."""
-        return criterion(fit.problem, self.predicted(fit), self.groups)
+        return score_of(fit, self.groups)
 
     def predicted(self, fit: FittedModel) -> Array:
         """Return the residuals (N,) of each part of the recordings as predicted from the other parts."""
@@ -396,11 +395,15 @@ class Search:
     def final_fit(self) -> FitResult:
         """Return the chosen model, fitted until it converges."""
         problem, began = self.best.problem, clock.perf_counter()
-        best = solve(problem, self.best.x, self.setting.loss, self.affordable(LAST_EVALUATIONS))
+        evaluations = self.affordable(LAST_EVALUATIONS)
+        best = solve(problem, self.best.x, self.setting.loss, evaluations)
         for _ in range(2 if problem.learns else 0):
             problem.learn_sizes(best.x)
-            best = solve(problem, best.x, self.setting.loss, self.affordable(LAST_EVALUATIONS))
-        return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began, "")
+            evaluations = self.affordable(LAST_EVALUATIONS)
+            best = solve(problem, best.x, self.setting.loss, evaluations)
+        late = best.status == 0 and evaluations < LAST_EVALUATIONS
+        failure = "stopped at the time limit before it converged: raise minutes" if late else ""
+        return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began, failure)
 
     def rivals(self) -> tuple[RivalModel, ...]:
         """Return the best models with other terms, if their criterion is within `ALMOST` of the chosen model's."""

@@ -1,8 +1,8 @@
 """The first model of a body that follows its inputs slowly, without ringing: in space, its settled shapes come first.
 
-Nothing that rings shows no scale of the stiffness, and an estimate of it from the motion leads far off. But the frames
-of such recordings are nearly settled shapes under inputs behind one lag. A few of them determine gains, axial gains and
-the places of markers in seconds, and the lag gives the damping; a fit of the motion then begins near its optimum.
+A recording without ringing does not show the scale of the stiffness, and an estimate of it from the motion leads far
+off. But its frames are nearly settled shapes under inputs behind one lag. A few of them determine gains, axial gains
+and the places of markers in seconds, and the lag gives the damping; a fit of the motion then begins near its optimum.
 """
 
 from __future__ import annotations
@@ -10,20 +10,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from pliant.errors import SimulationError
+from pliant.identification.chamber_parameters import prefixes
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import fit_step
 from pliant.identification.initial_guess import free_decay
 from pliant.identification.lagged_inputs import behind_lags
-from pliant.identification.names import stem_of
 from pliant.identification.parameters import Parameter, apply, each_joint, shared_name
 from pliant.identification.starts import AtRest
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.selection.criterion import criterion, groups_of, left_out, noise_of
+from pliant.selection.criterion import MATERIAL, groups_of, score_of
 from pliant.selection.first_model import Entry, beginning, with_alike, with_places
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.terms import Term
@@ -38,12 +39,10 @@ NO_WORSE = 1.02  # error behind one lag over that behind a damped oscillation, a
 GAIN = 0.98  # error behind one lag over that without any, at most
 FRAMES = 40  # settled shapes of each recording
 STATIC_EVALUATIONS = 30
-APART = 2.0  # angular frequency of the first mode times the time constant, at least: the body is over-damped
-SOFTER = (1.0, 8.0)  # factors on the least stiffness: the settled shapes choose
+OVER_DAMPED = 2.0  # angular frequency of the first mode times the time constant, at least: the body is over-damped
 TURNED = 0.1  # rad, typical rotation of a joint under the highest input
 SMALL = 1e-3  # of that, at the start
 MOST_DOUBLINGS = 60
-MATERIAL = 0.03  # of the criterion: a smaller gain does not make the body lengthen
 
 
 def time_constant(train: Sequence[Experiment], names: Sequence[str]) -> float | None:
@@ -109,26 +108,18 @@ def may_be_slow(train: Sequence[Experiment]) -> bool:
 
 @dataclass(frozen=True)
 class SlowBody:
-    """Recordings of a body that follows its inputs with a time constant [s], and their settled shapes: none in a plane,
-    where a chain has no poses.
+    """Recordings of a body in a plane that follows its inputs with a time constant [s]. Its chain has no settled
+    shapes: the first model is fitted to the motion.
     """
 
     setting: FitSetting
-    shapes: FitSetting | None
     constant: float
+    factors: ClassVar[tuple[float, ...]] = (1.0,)  # on the least stiffness, which are tried
 
-    @classmethod
-    def of(cls, setting: FitSetting, model: Model) -> SlowBody | None:
-        """Return the recordings of a setting if they show such a body, else None."""
-        if not may_be_slow(setting.experiments):
-            return None
-        constant = time_constant(setting.experiments, model.actuation.names)
-        if constant is None:
-            return None
-        if model.space is None:
-            return cls(setting, None, constant)
-        shapes = tuple(settled(e, constant) for e in setting.experiments)
-        return cls(setting, replace(setting, experiments=shapes), constant)
+    @property
+    def sentence(self) -> str:
+        """Return what is known of the body, as a line of progress."""
+        return f"the body follows its inputs within {self.constant:.2g} s without ringing"
 
     def first_model(
         self, model: Model, common: Sequence[Entry], lengthening: Term | None, time_step: float | None,
@@ -138,99 +129,140 @@ class SlowBody:
         other.
         """
         least = least_stiffness(model, self.constant)
-        if self.shapes is None:
-            fits = [self.in_plane(one, common, least, time_step)
-                    for one in (model, *([] if lengthening is None else [lengthening.model(model)]))]  # fmt: skip
-            longer = len(fits) > 1 and score(fits[1]) < (1.0 - MATERIAL) * score(fits[0])
-            best = fits[longer]
-            setting = replace(self.setting, time_step=best.problem.time_step)
-            return setting, best, [lengthening] if longer and lengthening else []
-        best = min((self.static(model, common, factor * least) for factor in SOFTER), key=lambda fit: fit.cost)
-        chosen = []
+        tried = (self.begun(model, common, factor * least, time_step) for factor in self.factors)
+        best, chosen = min(tried, key=lambda fit: fit.cost), []
         if lengthening is not None:
             stiffness = float(apply(best.model, best.values).stiffness.mean())
-            longest = self.static(lengthening.model(model), common, stiffness)
-            if score(longest) < (1.0 - MATERIAL) * score(best):
-                best, chosen = longest, [lengthening]
-        setting = self.stepped(best.model, parameters := self.moving(best, common), time_step)
-        return setting, fitted(setting, best.model, parameters, prior_weight=best.prior_weight), chosen
+            longer = self.begun(lengthening.model(model), common, stiffness, time_step)
+            if score_of(longer, groups_of(longer)) < (1.0 - MATERIAL) * score_of(best, groups_of(best)):
+                best, chosen = longer, [lengthening]
+        fit = self.of_motion(best, common, time_step)
+        return replace(self.setting, time_step=fit.problem.time_step), fit, chosen
 
-    def stepped(self, model: Model, parameters: Sequence[Parameter], time_step: float | None) -> FitSetting:
-        """Return the setting of fits of the motion, with the step that suits the start values if none is given."""
-        values = {p.name: p.value for p in parameters if p.value is not None}
-        return replace(self.setting, time_step=time_step or fit_step(model, values, self.setting.experiments))
-
-    def in_plane(
+    def begun(
         self, model: Model, common: Sequence[Entry], stiffness: float, time_step: float | None,
     ) -> FittedModel:
-        """Return the fit of the first model to the motion in a plane, with the `stiffness` [N m/rad] of its joints held
-        unless `common` states one, and damping from the time constant at the start.
+        """Return the fit of the first model to the motion, with the `stiffness` [N m/rad] of its joints held unless
+        `common` states one, and damping from the time constant at the start.
         """
         model = model.with_(stiffness=stiffness)
-        known = {"stiffness": stiffness, "damping": joint_damping(model, self.constant),
-                 "axial_damping": self.constant * float(np.mean([e.stiffness for e in model.extensions] or [0.0]))}
-        listed = [p if p.value is not None or (kind := shared_name(p.name)) not in known
-                  else p.with_(value=known[kind], free=p.free and kind != "stiffness")
-                  for p in first_parameters(model, self.setting.experiments, common)]  # fmt: skip
-        setting = self.stepped(model, listed, time_step)
-        return with_alike(fitted(setting, model, listed), setting)
+        known = {"stiffness": stiffness, **damping_starts(model, self.constant)}
+        parameters = [
+            p if p.value is not None or (kind := shared_name(p.name)) not in known else p.with_(value=known[kind])
+            for p in first_parameters(model, self.setting.experiments, common)
+        ]  # fmt: skip
+        return with_alike(*self.moved(model, held_stiffness(parameters, common), time_step))
 
-    def static(self, model: Model, common: Sequence[Entry], stiffness: float) -> FittedModel:
+    def moved(
+        self, model: Model, parameters: Sequence[Parameter], time_step: float | None, prior_weight: float | None = None,
+    ) -> tuple[FittedModel, FitSetting]:
+        """Return the fit of the motion, and its setting, with the step that suits the start values if none is given."""
+        values = {p.name: p.value for p in parameters if p.value is not None}
+        step = time_step or fit_step(model, values, self.setting.experiments)
+        setting = replace(self.setting, time_step=step)
+        return fitted(setting, model, parameters, prior_weight=prior_weight), setting
+
+    def of_motion(self, best: FittedModel, _common: Sequence[Entry], _time_step: float | None) -> FittedModel:
+        """Return the fit of the motion that begins with a fit of `begun`, which is one already."""
+        return best
+
+
+@dataclass(frozen=True)
+class SlowSpatialBody(SlowBody):
+    """Recordings of a body in space that follows its inputs with a time constant, and their settled shapes."""
+
+    shapes: FitSetting
+    factors: ClassVar[tuple[float, ...]] = (1.0, 8.0)
+
+    @property
+    def sentence(self) -> str:
+        """Return what is known of the body, and that settled shapes come first."""
+        return f"{super().sentence}: settled shapes come first"
+
+    def begun(
+        self, model: Model, common: Sequence[Entry], stiffness: float, time_step: float | None,
+    ) -> FittedModel:
         """Return the fit of the first model to the settled shapes, with `stiffness` [N m/rad] for its joints unless
         `common` states one.
         """
+        del time_step
         model = model.with_(stiffness=stiffness)
-        listed = first_parameters(model, self.setting.experiments, common)
-        shapes = self.shapes or self.setting
-        first = fitted(shapes, model, [self.begun(p, model) for p in listed], evaluations=0)
+        scales = gain_scales(model, self.setting.experiments)
+
+        def begun(p: Parameter) -> Parameter:
+            if p.value is None and p.name in scales:
+                return p.with_(value=SMALL * scales[p.name], scale=scales[p.name])
+            stiff = p.value is None and shared_name(p.name) == "stiffness"
+            return p.with_(value=stiffness, free=False) if stiff else p
+
+        listed = [begun(p) for p in first_parameters(model, self.setting.experiments, common)]
+        first = fitted(self.shapes, model, listed, evaluations=0)
         acting = {p.name for p, column in zip(first.problem.free, first.jacobian.T, strict=True) if column.any()}
         parameters = [replace(p, free=p.name in acting) for p in first.parameters]
-        parent = fitted(shapes, first.model, parameters, evaluations=STATIC_EVALUATIONS)
-        return with_places(with_alike(parent, shapes), shapes)
+        parent = fitted(self.shapes, first.model, parameters, evaluations=STATIC_EVALUATIONS)
+        return with_places(with_alike(parent, self.shapes), self.shapes)
 
-    def begun(self, parameter: Parameter, model: Model) -> Parameter:
-        """Return a parameter of the first model with its start value: stiffness held, gains without torque."""
-        kind, name = shared_name(parameter.name), parameter.name
-        if parameter.value is not None:
-            return parameter
-        if kind == "stiffness":
-            return parameter.with_(value=float(model.stiffness.mean()), free=False)
-        chamber = next((c for c in model.chambers if name.startswith(f"{c.name}.")), model.chambers[0])
-        if stem_of(name) not in ("gain_x", "gain_y") or chamber.signs:
-            return parameter
-        level = max((abs(t.peak) for e in self.setting.experiments if (t := e.driving(chamber.name))), default=0.0)
-        torque = abs(float(chamber.torque_at(level))) or 1.0
-        scale = TURNED * float(model.stiffness.mean()) / torque
-        return parameter.with_(value=SMALL * scale, scale=scale)
-
-    def moving(self, static: FittedModel, common: Sequence[Entry]) -> list[Parameter]:
-        """Return the parameters of a fit of the motion, at the values of the settled shapes: damping follows from the
-        time constant, and the stiffness is held unless `common` states it.
+    def of_motion(self, best: FittedModel, common: Sequence[Entry], time_step: float | None) -> FittedModel:
+        """Return the fit of the motion that begins with the values of the settled shapes. Damping that `common` does
+        not state follows from the time constant.
         """
-        model = apply(static.model, static.values)
-        free = {p.name for p in first_parameters(model, self.setting.experiments, common) if p.free}
-        values = {**static.values, "damping": joint_damping(model, self.constant)}
-        values |= {p.name: self.constant * model.extensions[0].stiffness for p in static.parameters
-                   if shared_name(p.name) == "axial_damping"}  # fmt: skip
-        held = {"stiffness"} - {e if isinstance(e, str) else e.name for e in common}
-        return [
-            replace(p, value=float(np.clip(values[p.name], p.lower, p.upper)), free=p.name in free - held,
-                    source="held: the recordings show its ratio to torque and damping alone" if p.name in held
-                    else p.source)
-            for p in static.parameters
-        ]  # fmt: skip
+        model = apply(best.model, best.values)
+        asked = {p.name: p for p in first_parameters(model, self.setting.experiments, common)}
+        known = damping_starts(model, self.constant)
+        parameters = []
+        for p in best.parameters:
+            one, value = asked.get(p.name, p), best.values[p.name]
+            if one.value is None:
+                value = known.get(shared_name(p.name), value)
+            parameters.append(p.with_(value=float(np.clip(value, p.lower, p.upper)), free=one.free))
+        return self.moved(best.model, held_stiffness(parameters, common), time_step, best.prior_weight)[0]
+
+
+def slow_body(setting: FitSetting, model: Model) -> SlowBody | None:
+    """Return the recordings of a setting if they show a body that follows its inputs slowly, else None."""
+    if not may_be_slow(setting.experiments):
+        return None
+    constant = time_constant(setting.experiments, model.actuation.names)
+    if constant is None:
+        return None
+    if model.space is None:
+        return SlowBody(setting, constant)
+    shapes = tuple(settled(e, constant) for e in setting.experiments)
+    return SlowSpatialBody(setting, constant, replace(setting, experiments=shapes))
+
+
+def held_stiffness(parameters: Sequence[Parameter], common: Sequence[Entry]) -> list[Parameter]:
+    """Return the parameters with the stiffness held, unless `common` names it."""
+    if "stiffness" in {e if isinstance(e, str) else e.name for e in common}:
+        return list(parameters)
+    source = "held: the recordings show its ratio to torque and damping alone"
+    return [p.with_(free=False, source=source) if p.name == "stiffness" else p for p in parameters]
+
+
+def damping_starts(model: Model, constant: float) -> dict[str, float]:
+    """Return the damping of joints [N m s/rad] and of segments that lengthen [N s] with which a body moves with a time
+    constant [s], by the name of the parameter.
+    """
+    axial = float(np.mean([e.stiffness for e in model.extensions] or [0.0]))
+    return {"damping": joint_damping(model, constant), "axial_damping": constant * axial}
+
+
+def gain_scales(model: Model, train: Sequence[Experiment]) -> dict[str, float]:
+    """Return the gains of chambers about x and y that turn a joint by `TURNED` under their highest pressure, by the
+    name of the parameter.
+    """
+    scales = dict[str, float]()
+    for start, chamber in zip(prefixes(model), model.chambers, strict=True):
+        level = max((abs(t.peak) for e in train if (t := e.driving(chamber.name))), default=0.0)
+        torque = 0.0 if chamber.signs else abs(float(chamber.torque_at(level))) or 1.0
+        scales |= {f"{start}gain_{axis}": TURNED * float(model.stiffness.mean()) / torque for axis in "xy" if torque}
+    return scales
 
 
 def first_parameters(model: Model, train: Sequence[Experiment], common: Sequence[Entry]) -> list[Parameter]:
     """Return the parameters of the first model, those of joints one for each joint."""
     listed = [Parameter(e) if isinstance(e, str) else e for e in beginning(model, train, common)]
     return each_joint(listed, model.n)
-
-
-def score(fit: FittedModel) -> float:
-    """Return the criterion of a fit: the error of parts of the recordings as predicted from the others."""
-    groups = groups_of(fit)
-    return criterion(fit.problem, left_out(fit.linear, groups, noise_of(fit)), groups)
 
 
 def first_mode(model: Model) -> tuple[float, Array]:
@@ -247,7 +279,7 @@ def least_stiffness(model: Model, constant: float) -> float:
     stiffness = max(weight * model.n, 1e-9)
     for _ in range(MOST_DOUBLINGS):
         with suppress(SimulationError):
-            if first_mode(model.with_(stiffness=stiffness))[0] * constant >= APART:
+            if first_mode(model.with_(stiffness=stiffness))[0] * constant >= OVER_DAMPED:
                 break
         stiffness *= 2.0
     return stiffness

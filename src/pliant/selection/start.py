@@ -14,7 +14,7 @@ from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.selection.first_model import Entry, beginning
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
-from pliant.selection.slow import SlowBody
+from pliant.selection.slow import slow_body
 from pliant.selection.terms import Term
 
 Notify = Callable[[str], None]
@@ -28,15 +28,14 @@ def first_model(
     has already.
     """
     setting = FitSetting(tuple(train), 0.0, how["weighting"], how["loss"])
-    slow = SlowBody.of(setting, model)
+    slow = slow_body(setting, model)
     if slow is not None:
-        shapes = "" if slow.shapes is None else ": settled shapes come first"
-        notify(f"the body follows its inputs within {slow.constant:.2g} s without ringing{shapes}")
+        notify(slow.sentence)
         lengthening = next((t for t in terms if t.extension), None)
         try:
             begun = slow.first_model(model, common, lengthening, how["time_step"])
         except PliantError as error:
-            notify(f"warning: this is of no use: {error}")
+            notify(f"warning: the search does not begin with a slow body: {error}")
         else:
             if together := findings_of_chambers(begun[1].free, model, train):
                 notify(f"warning: {together}")
