@@ -47,6 +47,18 @@ def test_a_perfect_model_leaves_nothing() -> None:
         assert m[name]["measured"] == m[name]["modelled"]
 
 
+def test_a_warm_up_that_the_model_does_not_follow_is_no_error_of_the_steady_state() -> None:
+    """Displacements of body and model count from the first frame that is compared."""
+    trace = Trace(np.array([0.0, START, START + 1e-3, STOP, STOP + 1e-3]), np.array([0.0, 0.0, 2e4, 2e4, 0.0]))
+    exp = pulse(excitation="trace", level=0.0, pressure=trace, warm_up=0.2)
+    modelled = exp.position.copy()
+    modelled[exp.warming] += 0.03
+    m = compare(exp, modelled, 0.1)
+    assert m["steady_state_mm"]["measured"] == pytest.approx(1e3 * STEADY, rel=0.01)
+    assert m["steady_state_error_mm"] == 0
+    assert m["max_mm"] == 0
+
+
 def test_a_constant_offset_is_measured_in_mm_in_travels_and_in_lengths() -> None:
     exp = pulse()
     m = compare(exp, exp.position + np.array([3e-3, 4e-3]), 0.1)

@@ -132,7 +132,8 @@ def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:
     variation = exp.compared - np.nanmean(exp.compared, axis=0)
     spread = float(np.nansum(variation**2))
     fit = 100 * float(1.0 - np.sqrt(np.sum(distance[valid] ** 2) / spread)) if spread > 0 else None  # for a single pose
-    traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, modelled[:, -1])}
+    compared = np.where(exp.warming[:, None], np.nan, modelled[:, -1])  # both begin at the first compared frame
+    traits = {"measured": response(exp, exp.last_station), "modelled": response(exp, compared)}
     ends, begins = (traits[who][f"steady_state_{unit}"] for who in ("modelled", "measured"))
     resolution = {"sensor_step_deg": factor * quantum(exp.last_station[:, 0]) or None} if exp.without_positions else {
         "rmse_percent_of_length": 100 * rmse / length, **extension(exp, modelled)}
