@@ -11,7 +11,6 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.extending import intrinsic
-from numba.core.typing.templates import signature
 
 from pliant.compiler import machine_code
 from pliant.compiler.cache import kept

@@ -170,11 +170,11 @@ def ready(
     return made(kernel, reading, family)
 
 
-def make_ready(kernel: FunctionType, kind: str, links: int, segments: int, turns: int, tendons: int, axial: int) -> None:
+def make_ready(kernel: FunctionType, kind: str, *sizes: int) -> None:
     """Make the machine code of the straight-line parts of a kernel ready for a chain of the given sizes."""
     from pliant.compiler.calls import provide
 
-    used, sizes = reached(kernel), (links, segments, turns, tendons, axial)
+    used, (links, segments, turns, tendons, axial) = reached(kernel), sizes
     written: dict[Any, Any] = {}  # kernels that loops call, and those whose text is their machine code
     if motion.step in used:
         if turns > 1:

@@ -26,7 +26,7 @@ from numba.core.extending import (
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
 from pliant.compiler.simd import NUMBERS, Wide, vector
-from pliant.compiler.width import SLOTS, WIDTH
+from pliant.compiler.width import SLOTS
 from pliant.numerics.trig import cos_sin
 
 _CONTRACT = ("contract",)  # LLVM may fuse the multiplications and additions of derivatives
