@@ -22,6 +22,8 @@ try:
 except (ImportError, AttributeError):  # a Numba version with other private names
     kernel_cache = None  # type: ignore[assignment]
 
+__all__ = ["alone", "kernel_cache", "kept", "part"]
+
 
 def has_array(kind: Any) -> bool:
     """Return whether a Numba type is an array, or a tuple or record that contains one."""

@@ -69,16 +69,17 @@ class Arguments:
                     key = builder.mul(builder.xor(key, size), ir.Constant(WORD, machine_code.PRIME))
         return key
 
-    def pointers(self, context: Any, builder: Any, given: Any) -> list[Any]:
-        """Return a pointer to the numbers of each leaf."""
-        found = []
+    def handed(self, context: Any, builder: Any, given: Any) -> Iterator[Any]:
+        """Yield the arguments of the machine code: a pointer for each array, and each number or its two parts."""
         for kind, value in self.values(builder, given):
             if isinstance(kind, types.Array):
-                found.append(array_of(context, builder, kind, value).data)
+                yield array_of(context, builder, kind, value).data
+                continue
+            number = context.cast(builder, value, kind, self.number)
+            if KINDS[str(self.number)] == "dual":
+                yield from (builder.extract_value(number, 0), builder.extract_value(number, 1))
             else:
-                number = context.cast(builder, value, kind, self.number)
-                found.append(cgutils.alloca_once_value(builder, number))
-        return found
+                yield number
 
 
 def addressed(kernel: FunctionType, seeds: dict[str, int]) -> Any:
@@ -108,9 +109,9 @@ def by_pointer(kernel: FunctionType) -> Any:
         arguments = Arguments(kernel, given)
 
         def generate(context: Any, builder: Any, _sig: Any, values: Any) -> Any:
-            pointers = arguments.pointers(context, builder, values[1])
-            kind = ir.FunctionType(ir.VoidType(), [p.type for p in pointers])
-            builder.call(builder.inttoptr(values[0], kind.as_pointer()), pointers)
+            handed = list(arguments.handed(context, builder, values[1]))
+            kind = ir.FunctionType(ir.VoidType(), [value.type for value in handed])
+            builder.call(builder.inttoptr(values[0], kind.as_pointer()), handed)
             return context.get_dummy_value()
 
         return types.void(address, given), generate

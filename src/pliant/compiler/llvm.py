@@ -1,7 +1,8 @@
 """LLVM instructions of a kernel from the list of its arithmetic operations, which the module `trace` has recorded.
 
 The instructions are one function without loops. Its arguments are the `leaves` of the kernel's arguments: a pointer for
-each array and each number. All numbers are of one kind: floats, `simd` vectors, or dual numbers (`duals`).
+each array, and each number itself, a dual number in two parts. All numbers are of one kind: floats, `simd` vectors, or
+dual numbers (`duals`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pliant.numerics.trig import cos_sin
 FLOATS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 DOUBLE, INDEX = ir.DoubleType(), ir.IntType(64)
 LANES = ir.VectorType(DOUBLE, WIDTH)
+PARTS: dict[str, list[Any]] = {"float": [DOUBLE], "vector": [LANES], "dual": [DOUBLE, LANES]}  # of a number
 CONTRACT = ("contract",)  # a multiplication and the addition of its result may be one instruction with one rounding
 ALIGN = 8 * WIDTH  # bytes, of vectors in memory
 
@@ -30,10 +32,9 @@ class Number(NamedTuple):
 
 
 def given(path: str, shapes: dict[str, tuple[int, ...]]) -> tuple[str, int]:
-    """Return the leaf that a path such as ``body.B[2, 1]`` names, and the position of the element in its memory."""
+    """Return the array that a path such as ``body.B[2, 1]`` names, and the position of the element in its memory."""
     leaf, _, numbers = path.removesuffix("]").partition("[")
-    indices = tuple(int(i) for i in numbers.split(",") if i)
-    return leaf, int(np.ravel_multi_index(indices, shapes[leaf])) if indices else 0
+    return leaf, int(np.ravel_multi_index(tuple(map(int, numbers.split(","))), shapes[leaf]))
 
 
 class LlvmWriter:
@@ -44,10 +45,11 @@ class LlvmWriter:
     def __init__(self, program: KernelProgram, leaves: list[str], name: str, kind: str, *, fused: bool) -> None:
         self.program, self.kind, self.flags = program, kind, CONTRACT if fused else ()
         self.module = ir.Module(name)
-        pointers = [ir.PointerType()] * len(leaves)
-        function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), pointers), name)
+        kinds = [[ir.PointerType()] if program.shapes[leaf] else PARTS[kind] for leaf in leaves]
+        function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), [k for parts in kinds for k in parts]), name)
         function.attributes.add("nounwind")
-        self.pointers = dict(zip(leaves, function.args, strict=True))
+        values = iter(function.args)
+        self.leaves = {leaf: [next(values) for _ in parts] for leaf, parts in zip(leaves, kinds, strict=True)}
         self.builder = ir.IRBuilder(function.append_basic_block())
         self.values: dict[int, Number] = {}
         self.angles: dict[int, tuple[Number, Number]] = {}
@@ -76,9 +78,11 @@ class LlvmWriter:
             values = [self.constant(-0.0), *values]
         if self.kind == "dual":
             return self.dual(what, *values)
-        return Number(self.arithmetic(what, *(v.real for v in values), flags=self.flags))
+        a, b = values
+        return Number(self.arithmetic(what, a.real, b.real, self.flags))
 
     def arithmetic(self, what: str, a: Any, b: Any, flags: tuple[str, ...] = ()) -> Any:
+        """Return an operation on two doubles or two vectors."""
         return getattr(self.builder, FLOATS[what])(a, b, flags=flags)
 
     def dual(self, what: str, a: Number, b: Number) -> Number:
@@ -160,11 +164,11 @@ class LlvmWriter:
         return cosine, sine
 
     def pointer(self, path: str) -> Any:
-        """Return the LLVM pointer to a number among the kernel's arguments."""
+        """Return the LLVM pointer to an element of an array among the kernel's arguments."""
         leaf, offset = given(path, self.program.shapes)
         size = {"float": 1, "vector": WIDTH, "dual": SLOTS}[self.kind]
         at = ir.Constant(INDEX, offset * size)
-        return self.builder.gep(self.pointers[leaf], [at], source_etype=DOUBLE)
+        return self.builder.gep(self.leaves[leaf][0], [at], source_etype=DOUBLE)
 
     def behind(self, pointer: Any) -> Any:
         """Return the LLVM pointer to the derivatives of the dual number at `pointer`."""
@@ -172,6 +176,8 @@ class LlvmWriter:
 
     def load(self, path: str) -> Number:
         """Return the LLVM value of a number among the kernel's arguments."""
+        if "[" not in path:
+            return Number(*self.leaves[path])
         pointer = self.pointer(path)
         if self.kind == "vector":
             return Number(self.builder.load(pointer, typ=LANES, align=ALIGN))
@@ -189,9 +195,9 @@ class LlvmWriter:
             self.builder.store(slopes, self.behind(pointer), align=ALIGN)
 
 
-def _pair(x: Any, out: Any) -> None:
+def pair(x: Any, out: Any) -> None:
     """Write cosine and sine of x to `out`."""
     out[0], out[1] = cos_sin(x)
 
 
-PAIR = record(_pair, {"x": 0.0, "out": np.zeros(2)}, kept=())
+PAIR = record(pair, {"x": 0.0, "out": np.zeros(2)}, kept=())

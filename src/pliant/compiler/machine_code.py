@@ -23,7 +23,7 @@ import numpy as np
 from llvmlite import binding
 from numba.core.compiler_lock import global_compiler_lock
 
-from pliant.compiler.cache import kernel_cache
+from pliant.compiler import cache as loops
 from pliant.compiler.kernel_files import alone, evict, mark_used
 
 FINDER = "pliant_address"  # name by which compiled loops call `ADDRESS`
@@ -140,7 +140,7 @@ def machine_code(module: Any) -> bytes:
     """Return the machine code of an LLVM module after optimisation, as an object file."""
     module.verify()
     tuning = binding.create_pipeline_tuning_options(speed_level=3)
-    tuning.slp_vectorization = True
+    tuning.slp_vectorization = "x double>" not in str(module)  # operations on vectors already stand there
     passes = binding.create_pass_builder(target(), tuning)
     passes.getModulePassManager().run(module, passes)
     return bytes(target().emit_object(module))
@@ -148,7 +148,7 @@ def machine_code(module: Any) -> bytes:
 
 def stored(name: str, text: Callable[[], str]) -> bytes:
     """Return the machine code stored under `name`; where there is none, make it from LLVM's `text` and store it."""
-    place = kernel_cache and kernel_cache.folder()
+    place: Path | None = None if loops.kernel_cache is None else loops.kernel_cache.folder()
     if place is None:
         return machine_code(binding.parse_assembly(text()))
     file = place / f"{name}.code"
@@ -171,7 +171,7 @@ def read(file: Path) -> bytes | None:
         return content[DIGEST:]
     with suppress(OSError):  # another process may have been first
         file.unlink()
-    kernel_cache.tell_damaged(file.parent)
+    loops.kernel_cache.tell_damaged(file.parent)
     return None
 
 
@@ -184,4 +184,4 @@ def write(file: Path, code: bytes) -> None:
         Path(draft).replace(file)
         evict(file.parent)
     except OSError as error:
-        kernel_cache.tell_unsaved(file.parent, error.strerror or str(error))
+        loops.kernel_cache.tell_unsaved(file.parent, error.strerror or str(error))

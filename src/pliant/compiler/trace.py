@@ -8,7 +8,7 @@ time of a step. The source is still that in `motion.py`; `llvm` compiles the rec
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from types import FunctionType
 from typing import Any, NamedTuple
 
@@ -155,7 +155,7 @@ class KernelProgram(NamedTuple):
     shapes: dict[str, tuple[int, ...]]  # of the arrays and numbers among the arguments, by their paths, in order
 
 
-def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]) -> KernelProgram:
+def record(kernel: Callable[..., Any], examples: dict[str, Any], kept: tuple[str, ...]) -> KernelProgram:
     """Run `kernel` on symbols and return its recorded operations, for arguments with the shapes of `examples`.
 
     Of the scratch arrays, only those in `kept` are results.
