@@ -63,10 +63,10 @@ def test_every_size_and_kind_has_code_of_its_own(folder: Path) -> None:
     entries = []
     for n in (2, 3):
         for kind in ("float", "vector", "dual"):
-            before = set(machine_code.memory().known)
+            before = set(machine_code.code_table().known)
             examples, sources = trace.examples_of(motion.step, n), (*choose.SOURCES, __file__)  # as if of another text
             calls.provide(motion.step, motion.step, examples, kind, sources, fused=False)
-            (entry,) = machine_code.memory().known - before
+            (entry,) = machine_code.code_table().known - before
             entries.append(entry)
     assert len(set(entries)) == 6
     assert len(list(folder.glob("*.code"))) == len(entries)

@@ -22,7 +22,7 @@ try:
 except (ImportError, AttributeError):  # a Numba version with other private names
     kernel_cache = None  # type: ignore[assignment]
 
-__all__ = ["alone", "kernel_cache", "kept", "part"]
+__all__ = ["alone", "kept", "kernel_cache", "part"]
 
 
 def has_array(kind: Any) -> bool:

@@ -131,7 +131,7 @@ def caller(kernel: FunctionType, sources: tuple[str, ...], *, fused: bool) -> An
     """Return a kernel for compiled loops which calls the machine code of the recorded `kernel` for the shapes of its
     arguments, with the same arguments as the kernel. `provide` makes this code.
     """
-    machine_code.memory()
+    machine_code.code_table()
     name = title(kernel, sources, fused=fused)
     seeds = {kind: machine_code.seed_of(f"{name}_{kind}") for kind in KINDS.values()}
     copy = FunctionType(_run.__code__, {"address": addressed(kernel, seeds), "call": by_pointer(kernel)}, name)

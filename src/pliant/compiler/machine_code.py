@@ -95,14 +95,14 @@ def processor() -> str:
     return sha256(repr((llvmlite.__version__, binding.get_host_cpu_name(), features())).encode()).hexdigest()[:8]
 
 
-class Memory:
+class CodeTable:
     """Machine code of this process, and the table of its addresses."""
 
     def __init__(self) -> None:
         self.engine = binding.create_mcjit_compiler(binding.parse_assembly(""), target())
-        self.table = np.zeros((SLOTS_OF_TABLE, 2), dtype=np.uint64)
+        self.rows = np.zeros((SLOTS_OF_TABLE, 2), dtype=np.uint64)
         self.known: set[int] = set()
-        finder = binding.parse_assembly(ADDRESS.replace("TABLE", str(self.table.ctypes.data)))
+        finder = binding.parse_assembly(ADDRESS.replace("TABLE", str(self.rows.ctypes.data)))
         self.engine.add_object_file(binding.ObjectFileRef.from_data(machine_code(finder)))
         self.engine.finalize_object()
         binding.add_symbol(FINDER, self.engine.get_function_address(f"{FINDER}_code"))
@@ -112,17 +112,17 @@ class Memory:
         self.engine.add_object_file(binding.ObjectFileRef.from_data(code))
         self.engine.finalize_object()
         row = entry % SLOTS_OF_TABLE
-        while self.table[row, 0]:
+        while self.rows[row, 0]:
             row = (row + 1) % SLOTS_OF_TABLE
-        self.table[row, 1] = self.engine.get_function_address(name)
-        self.table[row, 0] = entry  # last: other threads may look it up at this moment
+        self.rows[row, 1] = self.engine.get_function_address(name)
+        self.rows[row, 0] = entry  # last: other threads may look it up at this moment
         self.known.add(entry)
 
 
 @cache
-def memory() -> Memory:
+def code_table() -> CodeTable:
     """Return the machine code of this process. Must be called before a loop is compiled or loaded that calls it."""
-    return Memory()
+    return CodeTable()
 
 
 def provide(entry: int, name: str, text: Callable[[], str]) -> None:
@@ -132,8 +132,8 @@ def provide(entry: int, name: str, text: Callable[[], str]) -> None:
     language where the code is not stored.
     """
     with global_compiler_lock:
-        if entry not in memory().known:
-            memory().load(name, stored(f"{name}-{processor()}", text), entry)
+        if entry not in code_table().known:
+            code_table().load(name, stored(f"{name}-{processor()}", text), entry)
 
 
 def machine_code(module: Any) -> bytes:
