@@ -29,9 +29,8 @@ import json
 import numpy as np
 import pliant
 from oracles.chains import paper_chain, workspace
-from pliant.compiler.cache import part
 from pliant.compiler.choose import twin
-from pliant.equations.energy import add_step_work, input_power
+from pliant.equations.energy import add_step_work
 chain = paper_chain()
 total = np.zeros(2)
 compiled = twin(add_step_work)
@@ -39,7 +38,7 @@ compiled(np.arange(5.0), 1e-3, chain.drive(0.08), chain.joints(), workspace(5), 
 count = lambda c: sum(c.values())
 print(json.dumps({
     "hits": count(compiled.stats.cache_hits), "misses": count(compiled.stats.cache_misses),
-    "callee": count(part(twin(input_power)).stats.cache_misses), "value": total.tolist(),
+    "value": total.tolist(),
     "name": compiled.py_func.__qualname__, "file": pliant.__file__,
 }))
 """
@@ -94,7 +93,7 @@ def replace(package, file, old, new):
 @pytest.mark.slow
 def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(first, package, tmp_path):
     kernels = tmp_path / "kernels"
-    assert (first["hits"], first["misses"], first["callee"]) == (0, 1, 1)
+    assert (first["hits"], first["misses"]) == (0, 1)
     again = probe(package, kernels)
     assert (again["hits"], again["misses"], again["value"]) == (1, 0, first["value"])
     kept = [f for f in kernels.rglob("*.nb[ci]") if ".add_step_work_" in f.name]
@@ -103,7 +102,7 @@ def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(first, packag
         os.utime(file, (0.0, 0.0))
     replace(package, "energy.py", "torque[i] * (w[i] - before)", "2.0 * torque[i] * (w[i] - before)")
     edited = probe(package, kernels)
-    assert (edited["hits"], edited["misses"], edited["callee"]) == (0, 1, 1)
+    assert (edited["hits"], edited["misses"]) == (0, 1)
     assert edited["value"] == pytest.approx([2 * first["value"][0], first["value"][1]], rel=1e-12)
     assert not any(file.exists() for file in kept), "nobody will look for it"
 
@@ -112,7 +111,7 @@ def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(first, packag
 @pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[: len(b) // 2], lambda b: b[:-1] + bytes([b[-1] ^ 1])])
 def test_damage_to_every_file_costs_a_compilation_and_a_line(first, package, tmp_path, damage):
     files = list((tmp_path / "kernels").rglob("*.nb[ci]"))
-    assert len(files) >= 4
+    assert len(files) >= 2
     for file in files:
         file.write_bytes(damage(file.read_bytes()))
     running = start(package, tmp_path / "kernels")
