@@ -140,7 +140,8 @@ def machine_code(module: Any) -> bytes:
     """Return the machine code of an LLVM module after optimisation, as an object file."""
     module.verify()
     tuning = binding.create_pipeline_tuning_options(speed_level=3)
-    tuning.slp_vectorization = "x double>" not in str(module)  # operations on vectors already stand there
+    text = str(module)
+    tuning.slp_vectorization = not ("x double>" in text or "contract" in text)  # no gain, and seconds for long steps
     passes = binding.create_pass_builder(target(), tuning)
     passes.getModulePassManager().run(module, passes)
     return bytes(target().emit_object(module))
