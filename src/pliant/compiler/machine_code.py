@@ -56,6 +56,7 @@ none:
 }}
 """
 DIGEST = 32  # bytes of a checksum
+LONG = 500_000  # characters of LLVM's text; the dense step of 12 links is shorter
 
 
 def key(seed: int, sizes: list[int]) -> int:
@@ -141,7 +142,8 @@ def machine_code(module: Any) -> bytes:
     module.verify()
     tuning = binding.create_pipeline_tuning_options(speed_level=3)
     text = str(module)
-    tuning.slp_vectorization = not ("x double>" in text or "contract" in text)  # no gain, and seconds for long steps
+    worth = len(text) < LONG and not ("x double>" in text or "contract" in text)  # else no gain, but seconds of work
+    tuning.slp_vectorization = worth
     passes = binding.create_pass_builder(target(), tuning)
     passes.getModulePassManager().run(module, passes)
     return bytes(target().emit_object(module))
