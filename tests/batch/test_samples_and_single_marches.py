@@ -87,7 +87,7 @@ def test_a_body_alone_starts_at_rest_or_where_it_is_told(paper):
 @pytest.mark.parametrize(("code", "step"), [(-1, -1), (0, 0), (7, 7), (-2, 0), (-9, 7)])
 def test_a_march_alone_names_the_step_that_failed(paper, monkeypatch, code, step):
     """From 0: a link turned too far; from -2 downwards: the memory came to no agreement."""
-    monkeypatch.setattr(one_by_one, "lane_twin", lambda *_: lambda *_: code)
+    monkeypatch.setattr(one_by_one, "free_twin", lambda *_: lambda *_: code)
     steps = no_drive(paper).steps
     made, failed = one_by_one.march_alone(paper, steps, np.zeros(paper.n), np.zeros(paper.n), 2)
     assert failed == step

@@ -8,7 +8,7 @@ from numba.core.errors import NumbaError
 from oracles.allocation import allocations
 from oracles.chains import SIZES, random_chain, random_state, workspace
 
-from pliant.compiler.choose import straight, twin
+from pliant.compiler.choose import twin
 from pliant.compiler.twin import callees, compiled_twin, makes_arrays, reached, rebuild
 from pliant.equations import chain as chain_kernels
 from pliant.equations import coriolis, elastic, energy, inertia, section, velocity
@@ -129,12 +129,6 @@ def test_loops_over_records_make_no_arrays(loop):
 def test_callees_are_found_across_files():
     known = {"joint_torques", "joint_tangents", "ldl_factor", "ldl_solve", "centrifugal"}
     assert {f.__name__ for f in callees(step)} == known
-
-
-def test_straight_lines_of_different_length_have_different_names():
-    """Numba links cached code by its qualified name: under one name, a chain of three ran the step of five."""
-    names = {straight(step, n).py_func.__qualname__ for n in (3, 5)}
-    assert len(names) == 2
 
 
 def whole(a):

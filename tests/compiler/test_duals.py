@@ -32,6 +32,7 @@ def rebuilt(record, entries):
 def joints_of(rng, n, more=0):
     rows = {name: rng.uniform(0.5, 1.5, n + more * (name in "KD")) for name in Joints._fields[1:]}
     rows |= {"theta0": 0.3 * rng.normal(size=n), "D": 0.01 * rows["D"], "hardening": rng.uniform(0.5, 1.5, (ROWS, n))}
+    rows["spin"] = rows["spin"][:2]
     return Joints(0.2, **{name: rows[name] for name in Joints._fields[1:]})
 
 

@@ -29,9 +29,8 @@ import json
 import numpy as np
 import pliant
 from oracles.chains import paper_chain, workspace
-from pliant.compiler.cache import part
 from pliant.compiler.choose import twin
-from pliant.equations.energy import add_step_work, input_power
+from pliant.equations.energy import add_step_work
 chain = paper_chain()
 total = np.zeros(2)
 compiled = twin(add_step_work)
@@ -39,7 +38,7 @@ compiled(np.arange(5.0), 1e-3, chain.drive(0.08), chain.joints(), workspace(5), 
 count = lambda c: sum(c.values())
 print(json.dumps({
     "hits": count(compiled.stats.cache_hits), "misses": count(compiled.stats.cache_misses),
-    "callee": count(part(twin(input_power)).stats.cache_misses), "value": total.tolist(),
+    "value": total.tolist(),
     "name": compiled.py_func.__qualname__, "file": pliant.__file__,
 }))
 """
@@ -94,7 +93,7 @@ def replace(package, file, old, new):
 @pytest.mark.slow
 def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(first, package, tmp_path):
     kernels = tmp_path / "kernels"
-    assert (first["hits"], first["misses"], first["callee"]) == (0, 1, 1)
+    assert (first["hits"], first["misses"]) == (0, 1)
     again = probe(package, kernels)
     assert (again["hits"], again["misses"], again["value"]) == (1, 0, first["value"])
     kept = [f for f in kernels.rglob("*.nb[ci]") if ".add_step_work_" in f.name]
@@ -103,7 +102,7 @@ def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(first, packag
         os.utime(file, (0.0, 0.0))
     replace(package, "energy.py", "torque[i] * (w[i] - before)", "2.0 * torque[i] * (w[i] - before)")
     edited = probe(package, kernels)
-    assert (edited["hits"], edited["misses"], edited["callee"]) == (0, 1, 1)
+    assert (edited["hits"], edited["misses"]) == (0, 1)
     assert edited["value"] == pytest.approx([2 * first["value"][0], first["value"][1]], rel=1e-12)
     assert not any(file.exists() for file in kept), "nobody will look for it"
 
@@ -112,7 +111,7 @@ def test_one_kernel_is_found_again_and_an_edit_in_a_callee_is_seen(first, packag
 @pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[: len(b) // 2], lambda b: b[:-1] + bytes([b[-1] ^ 1])])
 def test_damage_to_every_file_costs_a_compilation_and_a_line(first, package, tmp_path, damage):
     files = list((tmp_path / "kernels").rglob("*.nb[ci]"))
-    assert len(files) >= 4
+    assert len(files) >= 2
     for file in files:
         file.write_bytes(damage(file.read_bytes()))
     running = start(package, tmp_path / "kernels")
@@ -183,9 +182,8 @@ def test_where_nothing_can_be_written_numba_chooses(monkeypatch, tmp_path):
 
 
 def test_everything_that_machine_code_comes_from_is_in_its_digest():
-    makers = {"trace.py", "llvm.py", "trig.py", "simd.py", "dual_numbers.py", "duals.py"}
+    makers = {"trace.py", "llvm.py", "trig.py", "simd.py", "width.py", "dual_numbers.py", "duals.py"}
     assert {Path(f).name for f in choose.SOURCES} == makers
-    assert len(choose.SOURCES) == len(makers) + 1, "trig.py is the plain text and its compiled form"
     assert all(Path(f).is_file() for f in choose.SOURCES)
     digests = {fingerprint(motion.step), fingerprint(motion.step, simd.__file__), fingerprint(motion.acceleration)}
     assert len(digests) == 3
@@ -203,7 +201,7 @@ def test_replacements_and_what_they_call_are_in_the_digest():
 
 
 def test_a_twin_that_takes_duals_too_has_their_rules_in_its_digest():
-    shared = choose.made(motion.step, "_duals", 15, 1, 1, 0, 0)
+    shared = choose.made(motion.step, "_duals", choose.Family(lines=False, lengthens=True))
     assert shared is choose.twin(extension.step)
     assert shared.__qualname__.endswith(fingerprint(extension.step, twin.__file__, *choose.SOURCES))
 
@@ -236,12 +234,12 @@ def test_a_kernel_has_one_twin_whoever_calls_it():
 
 
 def dual_form(kernel, links, segments=0, turns=1, tendons=0, axial=0):
-    return choose.made(kernel, "_duals", links, segments, turns, tendons, axial)
+    return choose.made(kernel, "_duals", choose.family_of(links, segments, turns, tendons, axial, "_duals"))
 
 
-def test_kernels_without_a_step_are_compiled_once_for_all_sizes():
-    """What depends only on whether a chain lengthens or moves in space has one compiled form; a march has its own."""
-    sizes = {"plane": [(2,), (5,)], "lengthens": [(2, 1), (5, 2, 1, 0, 1)], "space": [(2, 0, 2), (5, 2, 3, 4)]}
+def test_kernels_are_compiled_once_for_all_sizes():
+    """What depends only on whether a chain lengthens or moves in space has one compiled form, and so has a march."""
+    sizes = {"plane": [(2,), (5,)], "lengthens": [(2, 1), (5, 2, 1, 0, 1)], "space": [(2, 0, 2), (5, 2, 3)]}
     observers = {}
     for kind, chains in sizes.items():
         for make in (choose.twin, dual_form):
@@ -249,7 +247,7 @@ def test_kernels_without_a_step_are_compiled_once_for_all_sizes():
             assert made[0] is made[1], (kind, make)
             observers[kind, make] = made[0]
             marches = [make(march_loops.march, *[*chain, *(0, 1, 0, 0)[len(chain) - 1 :]]) for chain in chains]
-            assert make is dual_form or marches[0] is not marches[1], kind
+            assert marches[0] is marches[1], (kind, make)
     assert len(set(map(id, observers.values()))) >= 4
     cords = [choose.twin(march_loops.march, 2, 0, 2, tendons) for tendons in (0, 1, 4)]
     assert cords[1] is cords[2] is not cords[0]

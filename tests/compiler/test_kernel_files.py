@@ -6,13 +6,14 @@ import os
 import threading
 import warnings
 from pathlib import Path
+from time import time
 
 import pytest
 
 from pliant.compiler import cache, kernel_cache
-from pliant.compiler.kernel_files import DAY, alone, evict, kernel_of, mark_used
+from pliant.compiler.kernel_files import DAY, FORGOTTEN, alone, evict, kernel_of, mark_used
 
-NOW = 1_700_000_000.0
+NOW = float(int(time()))
 
 
 def stored(folder: Path, name: str, age: float, size: int = 1000) -> list[Path]:
@@ -39,6 +40,17 @@ def test_kernels_not_used_for_longest_are_removed_first(tmp_path: Path) -> None:
     assert names(tmp_path) == {"new"}
     evict(tmp_path, most=0)
     assert names(tmp_path) == set()
+
+
+def test_kernels_not_used_for_a_month_are_removed(tmp_path: Path) -> None:
+    stored(tmp_path, "old", FORGOTTEN + DAY)
+    stored(tmp_path, "new", FORGOTTEN - DAY)
+    code = [tmp_path / f"{name}-12.code" for name in ("old_step", "new_step")]
+    for file, age in zip(code, (FORGOTTEN + DAY, 0.0), strict=True):
+        file.write_bytes(b"x")
+        os.utime(file, (NOW - age, NOW - age))
+    evict(tmp_path)
+    assert names(tmp_path) == {"new", "new_step"}
 
 
 def test_a_kernel_is_removed_whole_and_no_other_of_a_similar_name(tmp_path: Path) -> None:

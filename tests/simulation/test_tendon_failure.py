@@ -43,7 +43,7 @@ def impatient(monkeypatch):
     monkeypatch.setattr(march_loops, "of_records", march_loops.of_records.__wrapped__)  # not as others left it
     for module in (initial_value, stepper):
         monkeypatch.setattr(module, "twin", lambda kernel, *_: kernel)
-    monkeypatch.setattr(one_by_one, "lane_twin", lambda kernel, *_: kernel)
+    monkeypatch.setattr(one_by_one, "free_twin", lambda kernel, *_: kernel)
     monkeypatch.setattr(following, "REAL", following.REAL._replace(twin=lambda kernel, *_: kernel))
 
 

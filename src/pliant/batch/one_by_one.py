@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pliant.batch.samples import check_alike, initial_values
-from pliant.compiler.choose import lane_twin
+from pliant.compiler.choose import free_twin
 from pliant.errors import InputError
 from pliant.identification.parameters import apply, kind_of
 from pliant.mechanics import mechanics_of
@@ -72,7 +72,7 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
     states = state.relaxed(model, chain.joint_coordinates(angle)) if model.memory else np.zeros((model.n, 0))
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0] = angle, rate
-    failed = lane_twin(march_loops.march, *chain.sizes)(
+    failed = free_twin(march_loops.march, *chain.sizes)(
         angle, rate, steps, chain.body, chain.joints, chain.workspace(), out, *chain.past(states)
     )
     if failed != -1:

@@ -19,7 +19,8 @@ from pliant.batch.one_by_one import march_alone
 from pliant.batch.samples import Samples
 from pliant.batch.simd_loops import Lane, Output
 from pliant.compiler.choose import lane_twin
-from pliant.compiler.simd import WIDTH, aligned
+from pliant.compiler.simd import aligned
+from pliant.compiler.width import WIDTH
 from pliant.mechanics.springs import springs_of
 from pliant.model import Valve
 from pliant.simulation import march_loops

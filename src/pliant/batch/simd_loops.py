@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.compiler.simd import WIDTH, as_lanes, within
+from pliant.compiler.simd import as_lanes, within
+from pliant.compiler.width import WIDTH
 from pliant.equations.chain import tips
 from pliant.equations.chamber import mean_of_law, share_out
 from pliant.equations.elastic import tangent
@@ -96,8 +97,8 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
     gain = chain[3:4]
     A, S, vectors = scratch
     rows = as_lanes(vectors)
-    rest_base(rows[6])
-    joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4:], chain[0], rows[6])
+    rest_base(rows[6, :2])
+    joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4:], chain[0], rows[6, :2])
     work = Workspace(
         as_lanes(A), as_lanes(S), rows[0, :n], rows[1, :n], rows[2], rows[3, :n], rows[4, :n], rows[5, :n]
     )
@@ -155,12 +156,12 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
         as_lanes(A), as_lanes(S), rows[0, :n], rows[1, :n], rows[2], rows[3, :n], rows[4, :n], rows[5, :n]
     )
     length = as_lanes(h)[0]
-    rest_base(rows[6])
+    rest_base(rows[6, :2])
     for group in range(len(state)):
         gravity = as_lanes(g[group])
         body = Body(as_lanes(B[group]), as_lanes(I[group]), as_lanes(first_moment[group]), gravity[0], gravity[1])
         chain, where = as_lanes(samples.joints[group]), as_lanes(samples.place[group])
-        joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4:], chain[0], rows[6])
+        joint = Joints(where[n + 2], chain[0], chain[1], chain[2], chain[4:], chain[0], rows[6, :2])
         both = as_lanes(state[group])
         phi, w = both[0], both[1]
         good = (1 << WIDTH) - 1

@@ -10,7 +10,8 @@ from pliant.batch import simd_loops
 from pliant.batch.samples import ALIKE, check_alike
 from pliant.batch.simd_loops import Commanded, Lane
 from pliant.compiler.choose import lane_twin
-from pliant.compiler.simd import WIDTH, aligned
+from pliant.compiler.simd import aligned
+from pliant.compiler.width import WIDTH
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model

@@ -22,6 +22,8 @@ try:
 except (ImportError, AttributeError):  # a Numba version with other private names
     kernel_cache = None  # type: ignore[assignment]
 
+__all__ = ["alone", "kept", "kernel_cache", "part"]
+
 
 def has_array(kind: Any) -> bool:
     """Return whether a Numba type is an array, or a tuple or record that contains one."""
@@ -29,9 +31,9 @@ def has_array(kind: Any) -> bool:
     return isinstance(kind, types.Array) or any(map(has_array, parts))
 
 
-def kept(function: Any, **options: Any) -> Any:
-    """Return `function` compiled by Numba. Its machine code is loaded from the cache on disk if it is there, else
-    compiled at the first call.
+def kept(function: Any, *, stored: bool = True, **options: Any) -> Any:
+    """Return `function` compiled by Numba. Its machine code is loaded from the cache on disk if it is `stored` there,
+    else compiled at the first call.
 
     Numba's options are nopython, and fastmath off.
 
@@ -41,15 +43,6 @@ def kept(function: Any, **options: Any) -> Any:
     options["no_cfunc_wrapper"] = True  # an interface for C, which is not used
     compiled = njit(**options)(function)
     compiled.given = options
-    if kernel_cache is None:
-        warn_of_numba()
-        return compiled
-    try:
-        compiled._cache = kernel_cache.KernelCache(compiled.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
-    except RuntimeError:  # no writable folder, neither the shared one nor Numba's defaults
-        tell_uncached()
-        return compiled
-    lock = compiled._cache.index.with_suffix(".lock")  # noqa: SLF001
     compile_unchecked = compiled.compile
 
     def compile_now(signature: Any) -> Any:
@@ -59,6 +52,24 @@ def kept(function: Any, **options: Any) -> Any:
             raise TypeError(f"{function.__qualname__} returns an array, but is compiled without reference counting: "
                             "write into an array of the caller")  # fmt: skip
         return entry
+
+    compiled.compile = compile_now
+    if stored:
+        store(compiled)
+    return compiled
+
+
+def store(compiled: Any) -> None:
+    """Make a compiled function load its machine code from the cache on disk, and store it there."""
+    if kernel_cache is None:
+        warn_of_numba()
+        return
+    try:
+        compiled._cache = kernel_cache.KernelCache(compiled.py_func)  # noqa: SLF001  as `enable_caching` of Numba does
+    except RuntimeError:  # no writable folder, neither the shared one nor Numba's defaults
+        tell_uncached()
+        return
+    lock, compile_now = compiled._cache.index.with_suffix(".lock"), compiled.compile  # noqa: SLF001
 
     def compile_alone(signature: Any) -> Any:
         with global_compiler_lock:  # before the file's lock: in another order two threads could deadlock
@@ -72,7 +83,6 @@ def kept(function: Any, **options: Any) -> Any:
                 compiled._cache.enable()  # noqa: SLF001
 
     compiled.compile = compile_alone
-    return compiled
 
 
 @cache
@@ -80,7 +90,7 @@ def part(whole: Any) -> Any:
     """Return a compiled kernel in a form that only other compiled kernels can call, which is faster to compile.
 
     It saves a third of the compile time: there is no interface for Python, and less optimisation, which is repeated
-    where its callers are optimised.
+    where its callers are optimised. It is not stored: its code is in that of its callers.
     """
     function = whole.py_func
     copy = FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
@@ -88,7 +98,7 @@ def part(whole: Any) -> Any:
     kernel, _, digest = function.__qualname__.rpartition("_")
     copy.__qualname__ = f"{kernel}_part_{digest}"
     pipeline = {} if kernel_cache is None else {"pipeline_class": kernel_cache.Part}
-    return kept(copy, **whole.given, no_cpython_wrapper=True, **pipeline)
+    return kept(copy, stored=False, **whole.given, no_cpython_wrapper=True, **pipeline)
 
 
 @cache

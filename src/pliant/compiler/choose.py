@@ -1,19 +1,20 @@
-"""Choice of the compiled form of a kernel: `twin` returns the form whose time step is fastest for the chain's number of
-links.
+"""Choice of the compiled form of a kernel: `twin` returns the form whose time step is fastest for a chain's sizes.
 
-Chains with few links use the dense step, long chains use articulated bodies. Both are compiled as straight-line code up
-to a number of links, beyond which compiling takes too long and loops are used.
+A loop over time is compiled once for chains of all sizes. The step in it is machine code without loops, which is made
+for each size from the recorded operations (`calls`). Chains with few links use the dense step, long chains articulated
+bodies. Beyond a number of links this code would take too long to compile: another form of the loop then contains a step
+with loops.
 """
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 from pliant.compiler import trace
-from pliant.compiler.twin import compiled_twin, fingerprint, reached
+from pliant.compiler.twin import compiled_twin, reached
 from pliant.equations import (
     articulated,
     base,
@@ -41,7 +42,7 @@ MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies are faster, and
 STRAIGHT_LINKS = 64  # straight-line code of as many articulated bodies compiles in about 2 s
 SOURCES = (  # files that transform the text of kernels
     trace.__file__, trig.__file__,
-    *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "trig", "simd", "dual_numbers", "duals")),
+    *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "simd", "width", "dual_numbers", "duals")),
 )
 # Not the steps in the plane, so that batches and single simulations give the same bits.
 FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, spatial.step, spatial.build_step,
@@ -72,6 +73,32 @@ SPATIAL_AXIAL: dict[Any, Any] = {  # those of a chain in space
 MOST_TURNS = 24  # coordinates of a step in space as straight-line code: 24 take 4 s to compile, 30 take 6 s
 
 
+class Family(NamedTuple):
+    """Chains of all sizes for which a kernel is compiled to the same code."""
+
+    lines: bool = True  # whether time steps are machine code of their own, without loops
+    lengthens: bool = False  # in the plane: whether segments lengthen
+    space: bool = False
+    tendons: bool = False
+    remembers: bool = False  # whether segments have hysteresis
+
+    @property
+    def tag(self) -> str:
+        """Part of the names of compiled kernels that describes the family."""
+        words = [word for word, holds in self._asdict().items() if holds and word != "lines"]
+        return "_".join([*(words or ["plane"]), *["loops"] * (not self.lines)])
+
+
+def family_of(links: int, segments: int, turns: int, tendons: int, axial: int, reading: str) -> Family:
+    """Return the family of a chain, of the sizes that `twin` takes."""
+    remembers = bool(axial & trace.REMEMBERS)
+    if turns > 1:  # straight-line code on dual numbers takes minutes to compile
+        lines = links * turns + segments <= MOST_TURNS and reading != "_duals"
+        return Family(lines, space=True, tendons=tendons > 0, remembers=remembers)
+    most = MOST_LINKS if segments else STRAIGHT_LINKS
+    return Family(links + segments <= most, lengthens=segments > 0, remembers=remembers)
+
+
 def twin(
     kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
 ) -> Any:
@@ -80,22 +107,25 @@ def twin(
 
     With a number of `links`, the steps inside it are the fastest for this number, see `substitutes`. If `segments` > 0
     segments lengthen, the steps are those of `equations.extension`. If each joint has 2 or 3 rotational coordinates
-    (`turns`), the steps are those of `equations.spatial`, which are the same for any number of `tendons` but none.
-    `axial` is the sum of `trace.CURVED` and `trace.REMEMBERS`, laws of segments beyond linear springs and dampers, and
-    of `trace.TURNS` for a chain in space whose base turns.
+    (`turns`), the steps are those of `equations.spatial`, or with `tendons` of `equations.tendon`. `axial` is a sum of
+    `trace.CURVED` and `trace.REMEMBERS`, laws of segments beyond linear springs and dampers, and for a chain in space
+    of `trace.TURNS`, a base that turns, and `trace.FRICTION`, hysteresis of joints or segments.
     """
-    return made(kernel, "", links, segments, turns, min(tendons, 1), axial)
+    return ready(kernel, "", "float", links, segments, turns, tendons, axial)
 
 
-def lane_twin(
-    kernel: Any, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+def free_twin(
+    kernel: Any, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
 ) -> Any:
-    """Return a kernel compiled for SIMD vectors, which advances `WIDTH` chains at once and releases Python's global
-    lock.
+    """Return the form of `twin` that releases Python's global lock."""
+    return ready(kernel, "_free", "float", links, segments, turns, tendons, axial)
 
-    The sizes are those of `twin`.
+
+def lane_twin(kernel: Any, links: int) -> Any:
+    """Return a kernel compiled for SIMD vectors, which advances `WIDTH` planar chains at once and releases Python's
+    global lock.
     """
-    return made(kernel, "_lanes", links, segments, turns, min(tendons, 1), axial)
+    return ready(kernel, "_lanes", "vector", links)
 
 
 @cache
@@ -111,77 +141,114 @@ def dual_twin(
 
     Source: Griewank and Walther, Evaluating Derivatives (2008), Sec. 3.1, the vector forward mode
     """
+    return whole(ready(kernel, "_duals", "dual", links, segments, turns, tendons, axial))
+
+
+@cache
+def whole(inner: Any) -> Any:
+    """Return a compiled kernel of dual numbers as one whose arrays are floats."""
     from pliant.compiler.cache import part
     from pliant.compiler.duals import from_floats
 
-    sizes: tuple[Any, ...] = (links, segments, turns, 0, axial)
-    if turns > 1:  # loops fit any size
-        sizes = 1, 0, 2, min(tendons, 1), axial & trace.REMEMBERS
-    return from_floats(part(made(kernel, "_duals", *sizes)))
+    return from_floats(part(inner))
 
 
 @cache
-def made(kernel: FunctionType, reading: str, links: int | None, *sizes: int) -> Any:
-    """Return the compiled form of a plain Python kernel, created once for each chain size and `reading`: "" for floats,
-    "_lanes" for SIMD vectors, "_duals" for dual numbers themselves, without straight-line code in space.
+def ready(
+    kernel: Any, reading: str, kind: str, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0,
+    axial: int = 0,
+) -> Any:
+    """Return the compiled form of a kernel for a family of chains, after the machine code of the steps that it calls
+    is ready for chains of this size. `kind` is that of the numbers, as in `calls.provide`.
     """
-    loops = reading == "_duals"
-    fast = substitutes(kernel, links, *sizes, loops=loops) if links else {}
+    if links is None:
+        return made(kernel, reading)
+    sizes = links, segments, turns, tendons, axial
+    family = family_of(*sizes, reading)
+    if family.lines:
+        make_ready(kernel, kind, *sizes)
+    return made(kernel, reading, family)
+
+
+def make_ready(kernel: FunctionType, kind: str, *sizes: int) -> None:
+    """Make the machine code of the straight-line parts of a kernel ready for a chain of the given sizes."""
+    from pliant.compiler.calls import provide
+
+    used, (links, segments, turns, tendons, axial) = reached(kernel), sizes
+    written: dict[Any, Any] = {}  # kernels that loops call, and those whose text is their machine code
+    if motion.step in used:
+        if turns > 1:
+            written = {part: part for part in (parts_with_tendons() if tendons else (spatial.step,))}
+        elif segments:
+            written = {extension.step: extension.step}
+        else:
+            written = {motion.step: motion.step if links <= MOST_LINKS else articulated.step_articulated}
+    if energy.add_step_work in used and turns == 1:
+        written[energy.add_step_work] = energy.add_step_work
+    for called, text in written.items():
+        examples = trace.examples_of(called, *sizes, remembers=bool(axial & trace.FRICTION))
+        provide(called, text, examples, kind, SOURCES, fused=called in FUSED)
+
+
+def straight(kernel: Any, *sizes: int) -> Any:
+    """Return a plain kernel compiled as straight-line code, without loops, with the same arguments as the kernel. The
+    code is ready for a chain of the `sizes` which `trace.examples_of` takes.
+    """
+    from pliant.compiler.calls import provide
+
+    provide(kernel, kernel, trace.examples_of(kernel, *sizes), "float", SOURCES, fused=kernel in FUSED)
+    return calling(kernel)
+
+
+def calling(kernel: Any) -> Any:
+    """Return a kernel for compiled loops which calls the machine code of `kernel` for the sizes of its arguments."""
+    from pliant.compiler.calls import caller
+
+    return caller(kernel, SOURCES, fused=kernel in FUSED)
+
+
+@cache
+def made(kernel: FunctionType, reading: str, family: Family | None = None) -> Any:
+    """Return the compiled form of a plain Python kernel, created once for each family of chains and `reading`: "" for
+    floats, "_free" for the same without Python's global lock, "_lanes" for SIMD vectors, "_duals" for dual numbers.
+    """
+    fast = substitutes(kernel, family) if family else {}
     if kernel in fast:
         return fast[kernel]
-    few = fewest(kernel, links, *sizes, loops=loops) if links and fast else (None, 0, 1, 0, 0)
-    if few != (links, *sizes):
-        return made(kernel, reading, *few)
+    if family != (fewest := fewest_families(kernel, family, fast)):
+        return made(kernel, reading, fewest)
     return compiled_twin(
-        kernel, size_tag(links, *sizes) + reading, lambda callee: made(callee, reading, links, *sizes),
-        SOURCES, replaced=fast, forceinline=kernel not in CALLED, nogil=reading == "_lanes",
+        kernel, (family.tag if family else "n") + reading, lambda callee: made(callee, reading, family),
+        SOURCES, replaced=fast, forceinline=kernel not in CALLED, nogil=reading in ("_lanes", "_free"),
     )
 
 
-@cache
-def jacobian_twin(segments: int, turns: int, tendons: int) -> Any:
-    """Return `linearised.step_jacobian` compiled on dual numbers, with loops that fit any number of links.
+def fewest_families(kernel: FunctionType, family: Family | None, fast: dict[Any, Any]) -> Family | None:
+    """Return the simplest family for which `kernel` is compiled to the same code as for the given one, whose
+    `substitutes` are `fast`.
 
-    `segments`, `turns` and `tendons` are those of `twin`.
+    Most kernels that call no step are compiled once for all chains, because the kernels in them that are replaced
+    depend only on whether the chain lengthens or moves in space.
     """
+    if not family or not fast:
+        return None
+    few = Family(lengthens=family.lengthens, space=family.space)
+    return few if substitutes(kernel, few) == fast else family
+
+
+@cache
+def jacobian_twin(family: Family) -> Any:
+    """Return `linearised.step_jacobian` compiled on dual numbers, with loops that fit any number of links."""
     from pliant.compiler.duals import CARRYING
 
     jacobian: Any = linearised.step_jacobian
-    step: Any = extension.step if segments else articulated.step_articulated
-    if turns > 1:
-        step = tendon.step if tendons else spatial.step
+    step: Any = extension.step if family.lengthens else articulated.step_articulated
+    if family.space:
+        step = tendon.step if family.tendons else spatial.step
     replaced: dict[Any, Any] = {motion.step: twin(step)}
     return compiled_twin(
-        jacobian, size_tag(None, segments, turns, tendons), replaced.__getitem__, SOURCES,
-        replaced=replaced, names=CARRYING, forceinline=False,
+        jacobian, family.tag, replaced.__getitem__, SOURCES, replaced=replaced, names=CARRYING, forceinline=False,
     )
-
-
-@cache
-def straight(
-    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
-    remembers: bool = False,
-) -> Any:
-    """Return a plain kernel compiled as straight-line code, without loops, for a chain of n links, with the same
-    arguments as the kernel.
-
-    `trace.example_arguments` lists the arguments that a kernel may have. The kernel is recorded only if the cache on
-    disk does not contain the result.
-    """
-    from pliant.compiler.llvm import compiled
-
-    size = size_tag(n, segments, turns, tendons, axial) + "_fused" * (kernel in FUSED) + "_memory" * remembers
-    name = f"{kernel.__name__}_{size}_{fingerprint(kernel, *SOURCES)}"
-    recorded = partial(trace.recording, kernel, n, segments, turns, tendons, axial, remembers=remembers)
-    return compiled(name, recorded, fused=kernel in FUSED)
-
-
-def size_tag(links: int | None, segments: int, turns: int = 1, tendons: int = 0, axial: int = 0) -> str:
-    """Return the part of a compiled kernel's name that describes the chain: its numbers of links, extensible segments,
-    angles per joint and tendons, and whether the segments have nonlinear springs or hysteresis.
-    """
-    behind = [segments, turns, tendons] if turns > 1 else [segments] * (segments > 0)
-    return "_".join(map(str, [links or "n", *behind, *[f"axial{axial}"] * (axial > 0)]))
 
 
 @cache
@@ -197,109 +264,79 @@ def rows_twin(*, space: bool) -> Any:
     )
 
 
-def substitutes(
-    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
-    loops: bool = False,
-) -> dict[Any, Any]:
-    """Return {plain kernel: compiled replacement} for all functions called by `kernel` that have a faster form for this
-    chain size.
-
-    Kernels which need no replacement are left out. `loops` replaces straight-line code in space by loops, since
-    straight-line code on dual numbers takes minutes to compile.
+def substitutes(kernel: FunctionType, family: Family) -> dict[Any, Any]:
+    """Return {plain kernel: compiled replacement} for all functions called by `kernel` that have a faster or another
+    form for this family of chains.
     """
     used, table = reached(kernel), {}
     if linearised.step_jacobian in used:
-        table[linearised.step_jacobian] = jacobian_twin(min(segments, int(turns == 1)), min(turns, 2), min(tendons, 1))
+        table[linearised.step_jacobian] = jacobian_twin(Family(True, family.lengthens, family.space, family.tendons))
     if observation.observe_rows in used:
-        table[observation.observe_rows] = rows_twin(space=turns > 1)
-    if turns > 1:
-        sizes = links, segments, turns, tendons, axial
-        kernels = SPATIAL | (SPATIAL_AXIAL if axial & trace.REMEMBERS else {})
-        return table | {planar: spatial_twin(own, sizes, loops) for planar, own in kernels.items() if planar in used}
+        table[observation.observe_rows] = rows_twin(space=family.space)
+    if family.space:
+        kernels = SPATIAL | (SPATIAL_AXIAL if family.remembers else {})
+        return table | {planar: spatial_twin(own, family) for planar, own in kernels.items() if planar in used}
     if motion.step in used:
-        table[motion.step] = extensible_step(links, segments, axial) if segments else fast_step(links)
-    if energy.add_step_work in used and links + segments <= STRAIGHT_LINKS:
-        table[energy.add_step_work] = straight(energy.add_step_work, links, segments)
-    if axial & trace.REMEMBERS:
-        steps: dict[Any, Any] = {extension.step: extensible_step(links, segments, axial)}
-        for plain, own in AXIAL.items():
-            if plain in used:
-                table[plain] = compiled_twin(
-                    own, size_tag(links, segments, axial=axial), lambda callee: steps.get(callee) or twin(callee),
-                    SOURCES, replaced=steps,
-                )
-    if segments and contact.add_link_loads in used:
+        table[motion.step] = planar_step(family)
+    if energy.add_step_work in used and family.lines:
+        table[energy.add_step_work] = calling(energy.add_step_work)
+    if family.remembers:
+        table |= {plain: axial_twin(own, family) for plain, own in AXIAL.items() if plain in used}
+    if family.lengthens and contact.add_link_loads in used:
         table[contact.add_link_loads] = twin(extension.add_link_loads)
     return table
 
 
-def fewest(
-    kernel: FunctionType, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
-    loops: bool = False,
-) -> tuple[int, ...]:
-    """Return the smallest chain size for which `kernel` is compiled to the same code as for the given size.
-
-    Most kernels that call no step are compiled once for all sizes, because the kernels in them that are replaced depend
-    only on whether the chain lengthens or moves in space.
-    """
-    sizes = links, segments, turns, tendons, axial
-    few = 1, min(segments, int(turns == 1)), min(turns, 2), 0, 0
-    same = substitutes(kernel, *few, loops=loops) == substitutes(kernel, *sizes, loops=loops)
-    return few if same else sizes
+def planar_step(family: Family) -> Any:
+    """Return the compiled time step of a planar chain."""
+    if family.lines:
+        return calling(extension.step if family.lengthens else motion.step)
+    return twin(extension.step if family.lengthens else articulated.step_articulated)
 
 
-def spatial_twin(kernel: Any, sizes: tuple[int, int, int, int, int], loops: bool) -> Any:
-    """Return the compiled form of a kernel for chains in space. `sizes` are the numbers of links, extensible segments,
-    angles per joint, and tendons, then the laws of the segments as in `twin`.
-    """
-    lines = not loops and sizes[0] * sizes[2] + sizes[1] <= MOST_TURNS
-    if kernel is spatial.step:
-        return spatial_step(*sizes, lines=lines)
-    remembering: tuple[Any, ...] = (
-        spatial_memory.step_with_memory, spatial_extension_memory.step_with_axial_memory,
-    )
-    if kernel not in remembering or not (lines or sizes[3]):
-        return twin(kernel)
-    steps: dict[Any, Any] = {spatial.step: spatial_step(*sizes, lines=lines, remembers=True)}
+@cache
+def axial_twin(kernel: Any, family: Family) -> Any:
+    """Return the compiled form of a kernel for planar chains whose segments have hysteresis."""
+    steps: dict[Any, Any] = {extension.step: planar_step(family)}
     return compiled_twin(
-        kernel, size_tag(*sizes) + "_loops" * (not lines), lambda callee: steps.get(callee) or twin(callee), SOURCES,
-        replaced=steps, forceinline=False,
+        kernel, family.tag, lambda callee: steps.get(callee) or twin(callee), SOURCES, replaced=steps,
     )
 
 
 @cache
-def spatial_step(
-    links: int, segments: int, turns: int, tendons: int, axial: int, *, lines: bool, remembers: bool = False,
-) -> Any:
-    """Return the compiled time step of a chain in space, as straight-line code if `lines`, else as loops.
+def spatial_twin(kernel: Any, family: Family) -> Any:
+    """Return the compiled form of a kernel for chains in space."""
+    if kernel is spatial.step:
+        return spatial_step(family)
+    remembering: tuple[Any, ...] = (
+        spatial_memory.step_with_memory, spatial_extension_memory.step_with_axial_memory,
+    )
+    if kernel not in remembering or not (family.lines or family.tendons):
+        return twin(kernel)
+    steps: dict[Any, Any] = {spatial.step: spatial_step(family)}
+    return compiled_twin(
+        kernel, family.tag, lambda callee: steps.get(callee) or twin(callee), SOURCES, replaced=steps,
+        forceinline=False,
+    )
 
-    With tendons, only the parts of the step without tendons are straight-line code.
+
+def parts_with_tendons() -> tuple[Any, ...]:
+    """Return the parts without tendons of a time step with tendons, which are straight-line code."""
+    return spatial.build_step, spatial.inertial_forces, tendon.factor_taut, tendon.solve_taut
+
+
+@cache
+def spatial_step(family: Family) -> Any:
+    """Return the compiled time step of a chain in space. With tendons, only the parts of the step without tendons are
+    straight-line code.
     """
-    if not lines:
-        return twin(tendon.step if tendons else spatial.step)
-    if not tendons:
-        return straight(spatial.step, links, segments, turns, axial=axial, remembers=remembers)
+    if not family.lines:
+        return twin(tendon.step if family.tendons else spatial.step)
+    if not family.tendons:
+        return calling(spatial.step)
     step: Any = tendon.step
-    parts: tuple[Any, ...] = (spatial.build_step, spatial.inertial_forces, tendon.factor_taut, tendon.solve_taut)
-    fast = {part: straight(part, links, segments, turns, axial=axial, remembers=remembers) for part in parts}
-    tag = size_tag(links, segments, turns, 1, axial) + "_memory" * remembers  # any number of tendons
-    return compiled_twin(step, tag, lambda callee: fast.get(callee) or twin(callee), SOURCES, replaced=fast)
-
-
-def fast_step(links: int) -> Any:
-    """Return the fastest compiled time step for a planar chain of `links` links and constant length."""
-    if links <= MOST_LINKS:
-        return straight(motion.step, links)
-    if links <= STRAIGHT_LINKS:
-        return straight(articulated.step_articulated, links)
-    return twin(articulated.step_articulated)
-
-
-def extensible_step(links: int, segments: int, axial: int = 0) -> Any:
-    """Return the compiled time step of a planar chain of `links` links with `segments` extensible segments."""
-    if links + segments <= MOST_LINKS:
-        return straight(extension.step, links, segments, axial=axial)
-    return twin(extension.step)
+    fast = {part: calling(part) for part in parts_with_tendons()}
+    return compiled_twin(step, "lines", lambda callee: fast.get(callee) or twin(callee), SOURCES, replaced=fast)
 
 
 def tuples(record: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -25,10 +25,10 @@ from numba.core.extending import (
 )
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
-from pliant.compiler.simd import NUMBERS, WIDTH, Wide, vector
+from pliant.compiler.simd import NUMBERS, Wide, vector
+from pliant.compiler.width import SLOTS
 from pliant.numerics.trig import cos_sin
 
-SLOTS = 2 * WIDTH  # floats in memory: the value, padding for alignment, the derivatives
 _CONTRACT = ("contract",)  # LLVM may fuse the multiplications and additions of derivatives
 
 
@@ -39,13 +39,6 @@ class Dual(Wide):
 
     def __init__(self) -> None:
         super().__init__("dual", SLOTS)
-
-    @property
-    def cos_sin(self) -> Any:
-        """Return the Python function that Numba compiles to compute cosine and sine of a dual number."""
-        return lambda x: _cos_sin(x)  # noqa: PLW0108  Numba takes Python functions here
-
-    mixes = True  # `llvm` does not convert float operands
 
 
 dual = Dual()

@@ -19,8 +19,9 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.np.arrayobj import populate_array
 
 from pliant.compiler.cache import kept
-from pliant.compiler.dual_numbers import SLOTS, dual, joined, parts
-from pliant.compiler.simd import WIDTH, aligned, vector
+from pliant.compiler.dual_numbers import dual, joined, parts
+from pliant.compiler.simd import aligned, vector
+from pliant.compiler.width import SLOTS, WIDTH
 
 __all__ = ["CARRYING", "SLOTS", "WIDTH", "duals", "from_floats"]
 Array = np.ndarray

@@ -6,8 +6,9 @@ processes of a user share one folder: the one in the environment variable NUMBA_
 cache folder. (Numba's default cache lies beside each source file, and two processes which save into one of its indices
 at once may give a signature the other's code.)
 
-The files hold at most 256 MB: the kernels that were used least recently are removed first. Where a kernel cannot be
-stored, for example on a full disk, one warning says so, and the calculation goes on.
+Kernels that were not used for 30 days are removed, and those that were used least recently where the files hold more
+than 128 MB. Where a kernel cannot be stored, for example on a full disk, one warning says so, and the calculation goes
+on.
 
 Every file begins with a checksum of the rest, which is compared before anything is unpickled or run. A damaged file,
 for example after a power cut or on a full disk, is removed with a warning, and the kernel is compiled again.
@@ -26,7 +27,6 @@ from glob import escape
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
-from time import time
 from typing import Any
 from warnings import warn
 
@@ -47,7 +47,6 @@ DIGEST = 32  # bytes of a checksum
 UNREADABLE = (  # errors of unpickling where a class of the content has changed
     pickle.UnpicklingError, AttributeError, ImportError, EOFError, ValueError, TypeError, KeyError, IndexError)
 ENVIRONMENT = "_ZN08NumbaEnv"  # how Numba's names of pointers to a function's environment begin
-FORGOTTEN = 14 * 86400.0  # s, age at which the code of another version of a kernel is removed
 
 
 @cache
@@ -174,24 +173,14 @@ class KernelCache(FunctionCache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Store compiled machine code on disk, and remove outdated files of the same kernel and kernels beyond the
-        limit of the cache. Warn once if the code cannot be stored.
+        """Store compiled machine code on disk, and remove kernels beyond the limits of the cache. Warn once if the code
+        cannot be stored.
         """
         try:
             super().save_overload(sig, data)
-            self.sweep()
             evict(self.index.parent)
         except OSError as error:
             tell_unsaved(self.index.parent, error.strerror or str(error))
-
-    def sweep(self) -> None:
-        """Remove stored files of earlier versions of this kernel that were not used for 14 days."""
-        kernel, _, rest = self.index.name.rpartition("_")
-        digest = rest.partition("-")[0]
-        for file in self.index.parent.glob(f"{kernel}_????????????-*"):
-            with suppress(OSError):  # another process may have been first
-                if f"_{digest}-" not in file.name and time() - file.stat().st_mtime > FORGOTTEN:
-                    file.unlink()
 
 
 def fields(kind: Any) -> Any:

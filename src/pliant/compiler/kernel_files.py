@@ -1,4 +1,7 @@
-"""Files of the kernel cache: locks between processes, and removal of the kernels that were used least recently."""
+"""Files of the kernel cache: locks between processes, and removal of the kernels that were used least recently.
+
+Loops that Numba compiled have an index ``.nbi`` and data files ``.nbc``, steps of `machine_code` one file ``.code``.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,8 @@ except ImportError:  # no such locks on this system: processes may compile the s
 
 LONGEST_WAIT = 120.0  # s, for another process that compiles the same kernel; then this one compiles for itself
 DAY = 86400.0  # s
-MOST_BYTES = 256_000_000  # of all stored kernels; a run of the tests stores half of it
+FORGOTTEN = 30 * DAY  # since a kernel was used
+MOST_BYTES = 128_000_000  # of all stored kernels; a run of the tests stores less than half of it
 
 
 def mark_used(index: Path) -> None:
@@ -28,7 +32,8 @@ def mark_used(index: Path) -> None:
 
 
 def evict(folder: Path, most: int = MOST_BYTES) -> None:
-    """Remove kernels, those not used for longest first, until the stored files hold at most `most` bytes.
+    """Remove kernels that were not used for 30 days, and further ones, those not used for longest first, until the
+    stored files hold at most `most` bytes.
 
     The folders beside `folder`, which other versions of Numba use, are counted too. A kernel that another process
     stores at the moment is kept; a process that looks for a removed kernel compiles it.
@@ -40,7 +45,7 @@ def evict(folder: Path, most: int = MOST_BYTES) -> None:
             kernels[kernel_of(file)].append((known.st_mtime, known.st_size))
     left = sum(size for files in kernels.values() for _, size in files)
     for kernel, files in sorted(kernels.items(), key=lambda item: max(item[1])):
-        if left <= most:
+        if left <= most and time() - max(files)[0] < FORGOTTEN:
             return
         with alone(kernel.with_name(f"{kernel.name}.lock"), wait=0.0) as free:
             if free:
@@ -56,7 +61,7 @@ def stored_files(folder: Path) -> Iterator[Path]:
     for candidate in {folder, *folder.parent.glob("kernels-*")}:
         with suppress(OSError):
             for file in list(candidate.iterdir()):
-                if file.suffix in (".nbi", ".nbc"):
+                if file.suffix in (".nbi", ".nbc", ".code"):
                     yield file
                 elif ".tmp." in file.name and time() - file.stat().st_mtime > DAY:
                     file.unlink()
@@ -72,7 +77,7 @@ def remove(kernel: Path) -> None:
     an old data file must not answer for another signature.
     """
     data = [file for file in kernel.parent.iterdir() if file.suffix == ".nbc" and kernel_of(file) == kernel]
-    for file in (*data, kernel.with_name(f"{kernel.name}.nbi")):
+    for file in (*data, *(kernel.with_name(f"{kernel.name}{ending}") for ending in (".nbi", ".code"))):
         with suppress(FileNotFoundError):
             file.unlink()
 

@@ -1,154 +1,203 @@
-"""Compilation of a kernel from the list of its arithmetic operations, which the module `trace` has recorded. The
-operations are written directly as LLVM instructions.
+"""LLVM instructions of a kernel from the list of its arithmetic operations, which the module `trace` has recorded.
 
-Numba compiles only the call. If the same operations were Python source, Numba would need up to six times as long. The
-operands may be floats, complex numbers and `simd` vectors: an operation is done in the wider type of its operands.
+The instructions are one function without loops. Its arguments are the `leaves` of the kernel's arguments: a pointer for
+each array, and each number itself, a dual number in two parts. All numbers are of one kind: floats, `simd` vectors, or
+dual numbers (`duals`).
 """
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable
-from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
-from numba.core import cgutils
-from numba.core.extending import intrinsic
-from numba.core.typing.templates import signature
+from llvmlite import ir
 
-from pliant.compiler.cache import kept
-from pliant.compiler.trace import KernelProgram, Mark
-from pliant.compiler.trig import pair
+from pliant.compiler.trace import KernelProgram, Mark, record
+from pliant.compiler.width import SLOTS, WIDTH
+from pliant.numerics.trig import cos_sin
 
-OPERATORS = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}
 FLOATS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
-Value = tuple[Any, Any]  # Numba's type and LLVM's value
+DOUBLE, INDEX = ir.DoubleType(), ir.IntType(64)
+LANES = ir.VectorType(DOUBLE, WIDTH)
+PARTS: dict[str, list[Any]] = {"float": [DOUBLE], "vector": [LANES], "dual": [DOUBLE, LANES]}  # of a number
+CONTRACT = ("contract",)  # a multiplication and the addition of its result may be one instruction with one rounding
+ALIGN = 8 * WIDTH  # bytes, of vectors in memory
 
 
-def square_root(x):
-    """Return the square root of a number of any type."""
-    return np.sqrt(x)
+class Number(NamedTuple):
+    """LLVM values of a number: a double or a vector, and its derivatives, None if they are 0."""
+
+    real: Any
+    slopes: Any = None
+
+
+def given(path: str, shapes: dict[str, tuple[int, ...]]) -> tuple[str, int]:
+    """Return the array that a path such as ``body.B[2, 1]`` names, and the position of the element in its memory."""
+    leaf, _, numbers = path.removesuffix("]").partition("[")
+    return leaf, int(np.ravel_multi_index(tuple(map(int, numbers.split(","))), shapes[leaf]))
 
 
 class LlvmWriter:
-    """Writer of a kernel's recorded operations as LLVM instructions of one function, for given argument types."""
-
-    def __init__(
-        self, target: tuple[Any, Any], made: KernelProgram, arguments: dict[str, Value], *, fused: bool,
-    ) -> None:
-        self.context, self.builder = target
-        self.made, self.arguments, self.flags = made, arguments, ("contract",) if fused else ()
-        self.values: dict[int, Value] = {}
-        self.arrays: dict[str, Value] = {}
-        self.angles: dict[int, Any] = {}
-
-    def write(self) -> None:
-        """Write the LLVM instructions that compute the results of the kernel and store them in the arrays among its
-        arguments.
-        """
-        for row in self.made.needed:
-            self.values[row] = self.number(*self.made.rows[row])
-        for where, mark in self.made.stores:
-            kind, pointer = self.element(where)
-            self.builder.store(self.cast(self.values[mark.row], kind), pointer)
-
-    def number(self, what: str, operands: tuple[Any, ...]) -> Value:
-        """Return the LLVM value of one recorded operation, or of one number among the kernel's arguments."""
-        if not operands:
-            return self.given(what)
-        if what in ("cos", "sin"):
-            kind, both = self.cosine_and_sine(operands[0])
-            return kind, self.builder.extract_value(both, int(what == "sin"))
-        if what == "sqrt":
-            kind, value = self.values[operands[0].row]
-            return kind, self.context.compile_internal(self.builder, square_root, signature(kind, kind), [value])
-        values = [self.values[o.row] if isinstance(o, Mark) else self.constant(o) for o in operands]
-        kind = next((k for k, _ in values if k != types.float64), types.float64)
-        if len(values) == 1:
-            values = [self.constant(-0.0), *values]
-        kinds = [k for k, _ in values] if getattr(kind, "mixes", False) else [kind, kind]
-        constants = [self.cast(v, k) for v, k in zip(values, kinds, strict=True)]
-        if kind == types.float64:
-            return kind, getattr(self.builder, FLOATS[what])(*constants, flags=self.flags)
-        done = self.context.get_function(OPERATORS[what], signature(kind, *kinds))
-        return kind, done(self.builder, constants)
-
-    def constant(self, value: float) -> Value:
-        """Return a Python number as an LLVM constant with its Numba type."""
-        return types.float64, self.context.get_constant(types.float64, float(value))
-
-    def cast(self, value: Value, kind: Any) -> Any:
-        """Return an LLVM value converted to the Numba type `kind`."""
-        return value[1] if value[0] == kind else self.context.cast(self.builder, value[1], value[0], kind)
-
-    def cosine_and_sine(self, angle: Mark) -> Value:
-        """Return cosine and sine of an angle as one LLVM value, computed once for each angle of the kernel."""
-        kind, value = self.values[angle.row]
-        if angle.row not in self.angles:
-            result_type = signature(types.UniTuple(kind, 2), kind)
-            self.angles[angle.row] = self.context.compile_internal(self.builder, pair, result_type, [value])
-        return kind, self.angles[angle.row]
-
-    def given(self, where: str) -> Value:
-        """Return the LLVM value of a number among the kernel's arguments: an array element or a scalar."""
-        if "[" in where:
-            kind, pointer = self.element(where)
-            return kind, self.builder.load(pointer)
-        kind, value = self.argument(where)
-        wide = types.float64 if isinstance(kind, types.Float | types.Integer) else kind
-        return wide, self.cast((kind, value), wide)
-
-    def argument(self, path: str) -> Value:
-        """Return Numba type and LLVM value of a kernel's argument or of a field in it, given by a path such as
-        ``body.gx``.
-        """
-        name, *fields = path.split(".")
-        kind, value = self.arguments[name]
-        for field in fields:
-            index = kind.fields.index(field)
-            kind, value = kind.types[index], self.builder.extract_value(value, index)
-        return kind, value
-
-    def element(self, where: str) -> Value:
-        """Return the Numba type and the LLVM pointer of an array element, given by a path such as ``body.B[2, 1]``."""
-        path, _, numbers = where.removesuffix("]").partition("[")
-        if path not in self.arrays:
-            from numba.np.arrayobj import make_array  # slow import, not needed for code from the cache
-
-            kind, value = self.argument(path)
-            self.arrays[path] = kind, make_array(kind)(self.context, self.builder, value)
-        kind, array = self.arrays[path]
-        indices = [self.context.get_constant(types.intp, int(i)) for i in numbers.split(",")]
-        return kind.dtype, cgutils.get_item_pointer(self.context, self.builder, kind, array, indices)
-
-
-def compiled(name: str, recorded: Callable[[], KernelProgram], *, fused: bool = False) -> Any:
-    """Return a kernel's recorded operations as a compiled function, stored in the cache on disk under `name`.
-
-    `name` must identify everything on which the code depends. `recorded` returns the recording when it must be
-    compiled.
-
-    With `fused`, a multiplication and the addition of its result may be one instruction with one rounding.
+    """Writer of a kernel's recorded operations as LLVM instructions of one function. `kind` is that of all numbers:
+    "float", "vector" or "dual".
     """
 
-    @intrinsic
-    def run(_context: Any, arguments: Any) -> Any:
-        def generate(context: Any, builder: Any, _sig: Any, values: Any) -> Any:
-            trace = recorded()
-            parts = (builder.extract_value(values[0], i) for i in range(len(arguments)))
-            named_values = zip(trace.names, zip(arguments, parts, strict=True), strict=True)
-            LlvmWriter((context, builder), trace, dict(named_values), fused=fused).write()
-            return context.get_dummy_value()
+    def __init__(self, program: KernelProgram, leaves: list[str], name: str, kind: str, *, fused: bool) -> None:
+        self.program, self.kind, self.flags = program, kind, CONTRACT if fused else ()
+        self.module = ir.Module(name)
+        kinds = [[ir.PointerType()] if program.shapes[leaf] else PARTS[kind] for leaf in leaves]
+        function = ir.Function(self.module, ir.FunctionType(ir.VoidType(), [k for parts in kinds for k in parts]), name)
+        function.attributes.add("nounwind")
+        values = iter(function.args)
+        self.leaves = {leaf: [next(values) for _ in parts] for leaf, parts in zip(leaves, kinds, strict=True)}
+        self.builder = ir.IRBuilder(function.append_basic_block())
+        self.values: dict[int, Number] = {}
+        self.angles: dict[int, tuple[Number, Number]] = {}
 
-        return types.void(arguments), generate
+    def write(self) -> str:
+        """Return the text of a module with the function, which computes the results of the kernel and stores them in
+        the arrays among its arguments.
+        """
+        for row in self.program.needed:
+            self.values[row] = self.number(*self.program.rows[row])
+        for where, mark in self.program.stores:
+            self.store(self.values[mark.row], where)
+        self.builder.ret_void()
+        return str(self.module)
 
-    copy = FunctionType(_run.__code__, {"run": run}, name)
-    copy.__qualname__ = name  # Numba links by this name, which must differ between kernels
-    copy.__module__ = __name__
-    return kept(copy, _nrt=False)
+    def number(self, what: str, operands: tuple[Any, ...]) -> Number:
+        """Return the LLVM value of one recorded operation, or of one number among the kernel's arguments."""
+        if not operands:
+            return self.load(what)
+        if what in ("cos", "sin"):
+            return self.cosine_and_sine(operands[0])[what == "sin"]
+        values = [self.values[o.row] if isinstance(o, Mark) else self.constant(o) for o in operands]
+        if what == "sqrt":
+            return self.square_root(values[0])
+        if len(values) == 1:
+            values = [self.constant(-0.0), *values]
+        if self.kind == "dual":
+            return self.dual(what, *values)
+        a, b = values
+        return Number(self.arithmetic(what, a.real, b.real, self.flags))
+
+    def arithmetic(self, what: str, a: Any, b: Any, flags: tuple[str, ...] = ()) -> Any:
+        """Return an operation on two doubles or two vectors."""
+        return getattr(self.builder, FLOATS[what])(a, b, flags=flags)
+
+    def dual(self, what: str, a: Number, b: Number) -> Number:
+        """Return the LLVM values of an operation on two dual numbers."""
+        real = self.arithmetic(what, a.real, b.real, self.flags)
+        if what == "+":
+            return Number(real, self.sum(a.slopes, b.slopes))
+        if what == "-":
+            return Number(real, self.difference(a.slopes, b.slopes))
+        if what == "*":
+            return Number(real, self.sum(self.scaled(a.slopes, b.real), self.scaled(b.slopes, a.real)))
+        less = None if b.slopes is None else self.builder.fneg(self.scaled(b.slopes, real))
+        share = self.arithmetic("/", ir.Constant(DOUBLE, 1.0), b.real)
+        return Number(real, self.scaled(self.sum(a.slopes, less), share))  # (da - (a / b) db) / b
+
+    def scaled(self, slopes: Any, factor: Any, flags: tuple[str, ...] = CONTRACT) -> Any:
+        """Return derivatives times a double; None stands for derivatives that are 0."""
+        return None if slopes is None else self.arithmetic("*", slopes, self.spread(factor), flags)
+
+    def sum(self, a: Any, b: Any) -> Any:
+        """Return the sum of two vectors of derivatives; None stands for derivatives that are 0."""
+        if a is None or b is None:
+            return a if b is None else b
+        return self.arithmetic("+", a, b, CONTRACT)
+
+    def difference(self, a: Any, b: Any) -> Any:
+        """Return the difference of two vectors of derivatives; None stands for derivatives that are 0."""
+        if a is None and b is not None:
+            return self.builder.fneg(b)
+        return a if b is None else self.arithmetic("-", a, b, CONTRACT)
+
+    def spread(self, value: Any) -> Any:
+        """Return a vector whose elements are all the double `value`."""
+        none = ir.Constant(LANES, ir.Undefined)
+        first = self.builder.insert_element(none, value, ir.Constant(ir.IntType(32), 0))
+        return self.builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH))
+
+    def constant(self, value: float) -> Number:
+        """Return a Python number as an LLVM constant."""
+        if self.kind == "vector":
+            return Number(ir.Constant(LANES, [float(value)] * WIDTH))
+        return Number(ir.Constant(DOUBLE, float(value)))
+
+    def function_of(self, name: str, x: Any) -> Any:
+        """Return LLVM's function `name` of a double or a vector."""
+        size = f"v{WIDTH}f64" if x.type == LANES else "f64"
+        intrinsic = self.module.declare_intrinsic(f"llvm.{name}.{size}", (), ir.FunctionType(x.type, [x.type]))
+        return self.builder.call(intrinsic, [x])
+
+    def square_root(self, x: Number) -> Number:
+        """Return the square root of a number."""
+        root = self.function_of("sqrt", x.real)
+        if x.slopes is None:
+            return Number(root)
+        return Number(root, self.scaled(x.slopes, self.arithmetic("/", ir.Constant(DOUBLE, 0.5), root), ()))
+
+    def cosine_and_sine(self, angle: Mark) -> tuple[Number, Number]:
+        """Return cosine and sine of an angle, computed once for each angle of the kernel."""
+        if angle.row not in self.angles:
+            x = self.values[angle.row]
+            cosine, sine = self.pair(x.real)
+            less = None if x.slopes is None else self.scaled(x.slopes, self.builder.fneg(sine), ())
+            self.angles[angle.row] = Number(cosine, less), Number(sine, self.scaled(x.slopes, cosine, ()))
+        return self.angles[angle.row]
+
+    def pair(self, x: Any) -> tuple[Any, Any]:
+        """Return cosine and sine of a double or a vector by the operations of `numerics.trig.cos_sin`."""
+        values: dict[int, Any] = {}
+        for row in PAIR.needed:
+            what, operands = PAIR.rows[row]
+            numbers = [values[o.row] if isinstance(o, Mark) else self.constant(o).real for o in operands]
+            if not operands:
+                values[row] = x
+            elif what in FLOATS:
+                values[row] = self.arithmetic(what, *numbers)
+            else:
+                values[row] = self.function_of(what, numbers[0])
+        cosine, sine = (values[mark.row] for _, mark in PAIR.stores)
+        return cosine, sine
+
+    def pointer(self, path: str) -> Any:
+        """Return the LLVM pointer to an element of an array among the kernel's arguments."""
+        leaf, offset = given(path, self.program.shapes)
+        size = {"float": 1, "vector": WIDTH, "dual": SLOTS}[self.kind]
+        at = ir.Constant(INDEX, offset * size)
+        return self.builder.gep(self.leaves[leaf][0], [at], source_etype=DOUBLE)
+
+    def behind(self, pointer: Any) -> Any:
+        """Return the LLVM pointer to the derivatives of the dual number at `pointer`."""
+        return self.builder.gep(pointer, [ir.Constant(INDEX, WIDTH)], source_etype=DOUBLE)
+
+    def load(self, path: str) -> Number:
+        """Return the LLVM value of a number among the kernel's arguments."""
+        if "[" not in path:
+            return Number(*self.leaves[path])
+        pointer = self.pointer(path)
+        if self.kind == "vector":
+            return Number(self.builder.load(pointer, typ=LANES, align=ALIGN))
+        real = self.builder.load(pointer, typ=DOUBLE)
+        if self.kind == "float":
+            return Number(real)
+        return Number(real, self.builder.load(self.behind(pointer), typ=LANES, align=ALIGN))
+
+    def store(self, value: Number, path: str) -> None:
+        """Store a number in an array among the kernel's arguments."""
+        pointer = self.pointer(path)
+        self.builder.store(value.real, pointer, align=ALIGN if self.kind == "vector" else None)
+        if self.kind == "dual":
+            slopes = ir.Constant(LANES, [0.0] * WIDTH) if value.slopes is None else value.slopes
+            self.builder.store(slopes, self.behind(pointer), align=ALIGN)
 
 
-def _run(*arguments):
-    run(arguments)  # noqa: F821  given by `compiled`
+def pair(x: Any, out: Any) -> None:
+    """Write cosine and sine of x to `out`."""
+    out[0], out[1] = cos_sin(x)
+
+
+PAIR = record(pair, {"x": 0.0, "out": np.zeros(2)}, kept=())

@@ -30,9 +30,9 @@ from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.np.arrayobj import populate_array
 
-from pliant.compiler import trig
+from pliant.compiler.width import WIDTH
+from pliant.numerics.trig import cos_sin
 
-WIDTH = 8  # doubles in one AVX-512 register; LLVM splits the vector where registers are shorter
 _ALIGN = 8 * WIDTH  # bytes
 _DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
 _INDICES = ir.VectorType(ir.IntType(32), WIDTH)
@@ -123,7 +123,7 @@ def _unary(name: str) -> Any:
 
 
 _floor, _rint, _sqrt = _unary("floor"), _unary("rint"), _unary("sqrt")
-_cos_sin = register_jitable(trig.pair)
+_cos_sin = register_jitable(cos_sin)
 
 
 @overload(np.floor)

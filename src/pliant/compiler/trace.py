@@ -8,6 +8,7 @@ time of a step. The source is still that in `motion.py`; `llvm` compiles the rec
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from types import FunctionType
 from typing import Any, NamedTuple
 
@@ -30,10 +31,11 @@ from pliant.equations.symbols import (
 # Scratch arrays which a kernel leaves as results for its caller; for kernels not listed, only work.a.
 POSE = ("q", "t", "A", "P", "R", "S", "series", "stretch", "length", "centre", "lateral")
 KEPT = {"build_step": tuple(f"work.{name}" for name in POSE)}
+READ = {"inertial_forces": KEPT["build_step"]}  # scratch arrays from which a kernel takes results of another
 
 
 CURVED, REMEMBERS = 1, 2  # laws of segments that lengthen: springs that soften or stiffen, hysteresis
-TURNS = 4  # in space: the base turns in a prescribed way
+TURNS, FRICTION = 4, 8  # in space: the base turns in a prescribed way; joints or segments have hysteresis
 
 
 class Tape:
@@ -100,6 +102,14 @@ class Mark:
         """Record the square root of this symbolic number; np.sqrt calls this method."""
         return self.tape.write("sqrt", self)
 
+    def rint(self) -> Mark:
+        """Record the rounding of this symbolic number to the nearest integer; np.rint calls this method."""
+        return self.tape.write("rint", self)
+
+    def __floor__(self) -> Mark:
+        """Record the largest integer not above this symbolic number; np.floor calls this method."""
+        return self.tape.write("floor", self)
+
 
 def marks(tape: Tape, name: str, example: Any) -> Any:
     """Return an argument of a kernel (number, array or named tuple) with a symbol in place of every number."""
@@ -111,6 +121,14 @@ def marks(tape: Tape, name: str, example: Any) -> Any:
             made[index] = tape.write(f"{name}[{', '.join(map(str, index))}]")
         return made
     return tape.write(name)
+
+
+def shapes_of(name: str, example: Any) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of all arrays and numbers in an argument of a kernel, by their paths, such as ``body.B``."""
+    if isinstance(example, tuple):
+        parts = zip(getattr(example, "_fields", ()), example, strict=True)
+        return {path: shape for f, part in parts for path, shape in shapes_of(f"{name}.{f}", part).items()}
+    return {name: np.shape(example)}
 
 
 def changed(argument: Any, before: Any, name: str, kept: tuple[str, ...]) -> list[tuple[str, Mark]]:
@@ -134,9 +152,10 @@ class KernelProgram(NamedTuple):
     rows: list[tuple[str, tuple[Any, ...]]]  # operation and operands: a mark is the row that it comes from
     needed: list[int]  # the rows on which the results depend, in order
     stores: list[tuple[str, Mark]]  # array elements and the marks of their final values
+    shapes: dict[str, tuple[int, ...]]  # of the arrays and numbers among the arguments, by their paths, in order
 
 
-def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]) -> KernelProgram:
+def record(kernel: Callable[..., Any], examples: dict[str, Any], kept: tuple[str, ...]) -> KernelProgram:
     """Run `kernel` on symbols and return its recorded operations, for arguments with the shapes of `examples`.
 
     Of the scratch arrays, only those in `kept` are results.
@@ -153,7 +172,8 @@ def record(kernel: FunctionType, examples: dict[str, Any], kept: tuple[str, ...]
         if row not in needed:
             needed.add(row)
             todo += [o.row for o in tape.rows[row][1] if isinstance(o, Mark)]
-    return KernelProgram(tuple(examples), tape.rows, sorted(needed), stores)
+    shapes = {path: shape for name, e in examples.items() for path, shape in shapes_of(name, e).items()}
+    return KernelProgram(tuple(examples), tape.rows, sorted(needed), stores, shapes)
 
 
 def planar_workspace(n: int, segments: int = 0, kind: type = float) -> Any:
@@ -259,23 +279,37 @@ def spatial_arguments(
     }
 
 
-def recording(
+def kept_by(kernel: FunctionType) -> tuple[str, ...]:
+    """Return the paths of the scratch arrays which a kernel leaves as results for its caller."""
+    return KEPT.get(kernel.__name__, ("work.a",))
+
+
+def passed(kernel: FunctionType, paths: Iterable[str]) -> list[str]:
+    """Return those of the arguments' arrays and numbers that matter to a kernel: all but scratch arrays which neither
+    bring numbers from another kernel nor leave numbers for the caller.
+    """
+    kept = {*kept_by(kernel), *READ.get(kernel.__name__, ())}
+    return [path for path in paths if not path.startswith("work.") or path in kept]
+
+
+def examples_of(
     kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
     remembers: bool = False,
-) -> KernelProgram:
-    """Return the recorded operations of a kernel for a chain of n links with the given numbers of segments, angles and
-    tendons.
+) -> dict[str, Any]:
+    """Return {name: zeros} with the shapes of the arguments of a kernel for a chain of n links with the given numbers
+    of segments that lengthen, angles and tendons.
 
-    `axial`: laws of the segments, as in `choose.twin`.
-
-    `segments` is the number of segments that lengthen.
-
-    With `remembers`, a step in space includes the linear functions of the hysteresis states.
+    `axial`: laws of the segments, as in `choose.twin`. With `remembers`, a step in space includes the linear functions
+    of the hysteresis states.
     """
     if turns > 1:
         examples = spatial_arguments(n, segments, turns, tendons, axial, remembers=remembers)
     else:
         examples = extensible_arguments(n, segments, axial) if segments else example_arguments(n)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
-    kept = KEPT.get(kernel.__name__, ("work.a",))
-    return record(kernel, {name: examples[name] for name in names}, kept=kept)
+    return {name: examples[name] for name in names}
+
+
+def recording(kernel: FunctionType, *sizes: int, remembers: bool = False) -> KernelProgram:
+    """Return the recorded operations of a kernel for a chain of the sizes that `examples_of` takes."""
+    return record(kernel, examples_of(kernel, *sizes, remembers=remembers), kept=kept_by(kernel))

@@ -78,7 +78,6 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
     T output times, before the lag of the sensors is applied.
     """
     model, chain = forward.model, mechanics_of(forward.model)
-    n, *more = chain.sizes
     numbers = with_own_spin(numbers, kind)
     check_lengths(chain, x=kind.value(numbers.phi), torque=kind.value(numbers.gain))
     rows = rows if forward.between is None else forward.between[0].size
@@ -91,8 +90,7 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
     if model.memory:
         states, held = initial_hysteresis(forward, numbers, kind), hysteresis_workspace(forward, numbers.joints, kind)
         past = (Past(numbers.memory, states, held),)
-    any_size = model.memory and not any(more)  # with hysteresis of joints alone, the loops of a step are as fast
-    failed = kind.twin(follow_loops.follow, None if any_size else n, *more)(
+    failed = kind.twin(follow_loops.follow, *chain.sizes)(
         numbers.phi, numbers.rate, course, before, (numbers.body, numbers.joints), work,
         Seen(places, out), *past,
     )

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.compiler.trace import CURVED, TURNS, spatial_workspace
+from pliant.compiler.trace import CURVED, FRICTION, TURNS, spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z
@@ -121,7 +121,7 @@ class SpatialChain(Mechanics):
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        laws = self.axial_laws + TURNS * self.model.moving_base
+        laws = self.axial_laws + TURNS * self.model.moving_base + FRICTION * bool(self.model.memory)
         return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.levers), laws
 
     # coordinates
