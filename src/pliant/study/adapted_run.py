@@ -15,7 +15,7 @@ from pliant.study.run import PreparedStudy, prepare_all, write_outcome
 from pliant.study.schema import SPREAD, AdaptEntry, Recording, Study, day_names, load_study
 from pliant.study.verdict import headline, verdict
 from pliant.validation.outcome import FitOutcome, StudyOutcome, in_recorded_axes
-from pliant.validation.store import load_fit
+from pliant.validation.store import held_out_errors, load_fit
 from pliant.version import __version__
 
 Notify = Callable[[str], None]
@@ -65,8 +65,8 @@ def adapt(
     refuse_folder(Path(folder), sources, kind=spread is not None)
     study = load_study(sources[0] / "study.json")
     loaded = [load_fit(source, fit) for source in sources]
-    robots = [Robot(result, posterior_of(result, known_names(source)), title)
-              for source, (_, title, result) in zip(sources, loaded, strict=True)]
+    robots = [Robot(result, posterior_of(result, known_names(source)), title, held_out_errors(source, name))
+              for source, (name, title, result) in zip(sources, loaded, strict=True)]
     new = new_recordings(study, files, like or first_training(study, loaded[0][0]))
     entry = AdaptEntry(recordings=list(new), fit=loaded[0][0] if loaded[0][0] not in day_names(study) else "",
                        seconds=seconds, of_a_kind=spread is not None, spread=spread or SPREAD)  # fmt: skip
