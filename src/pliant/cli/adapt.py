@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from pliant.cli.terminal import in_unit, progress_lines, say
+from pliant.errors import InputError
 
 
 def adapt(
@@ -29,10 +31,18 @@ def adapt(
         str, typer.Option("--like", help="Recording of the study whose columns, alignment and inputs apply; default: "
                                          "the first training recording.")
     ] = "",
+    warm_up: Annotated[
+        float | None, typer.Option("--warm-up", parser=in_unit("s", least=0.0), help="Time from the first frame that "
+                                   "is simulated, but not compared, s; default: that of the recording of --like.")
+    ] = None,
     of_a_kind: Annotated[
         bool, typer.Option("--of-a-kind", help="The recording is of another robot of the same kind: each "
-                            "parameter of the body may differ by 15 %; three or more results tell the spread.")
+                            "parameter of the body may differ by --spread; three or more results tell the spread.")
     ] = False,
+    spread: Annotated[
+        float | None, typer.Option("--spread", help="With --of-a-kind: standard deviation between robots of the kind, "
+                                                    "as a fraction of each parameter; default: 0.15.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
 ) -> None:
     """Adapt a fitted model to another day: fit the mounting, update the body, and say what changed.
@@ -44,9 +54,13 @@ def adapt(
     from pliant.study.adapted_run import adapt as adapted
     from pliant.study.schema import SPREAD
 
+    if spread is not None and not of_a_kind:
+        raise InputError("--spread is the spread between robots of one kind: state --of-a-kind too, or leave it out")
+    if spread is not None and not 0.0 < spread < math.inf:
+        raise InputError(f"--spread is a fraction above 0, such as 0.15, got {spread:g}")
     with progress_lines() as notify:
-        outcome = adapted(results, recording, output, seconds=seconds, fit=fit, like=like,
-                          spread=SPREAD if of_a_kind else None, progress=notify)
+        outcome = adapted(results, recording, output, seconds=seconds, fit=fit, like=like, warm_up=warm_up,
+                          spread=(spread or SPREAD) if of_a_kind else None, progress=notify)
     adaptation = outcome.adaptations["adapted"]
     if json:
         say((output / "metrics.json").read_text(encoding="utf-8"))
