@@ -422,9 +422,9 @@ def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:
 
 def forecast_of(name: str, entry: dict[str, Any], recording: xr.Dataset) -> Forecast:
     """Return a prediction for a case that was not recorded."""
-    apart = {"title", "stated", "half_width_95"}
+    apart = {"title", "stated", "half_width_95", "extrapolates"}
     return Forecast(
         name, entry["title"], entry["stated"], recording["time"].values, recording["tip"].values,
         {k: v for k, v in entry.items() if k not in apart}, entry["half_width_95"],
-        recording["half_width"].values if "half_width" in recording else None,
+        recording["half_width"].values if "half_width" in recording else None, tuple(entry.get("extrapolates", ())),
     )
