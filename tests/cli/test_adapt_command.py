@@ -145,8 +145,8 @@ def test_another_robot_of_the_kind_moves_within_the_spread(arm, tmp_path):
 
 def test_a_stated_spread_is_the_width_of_the_prior(arm, tmp_path):
     recording = day(tmp_path / "b.csv", body().with_(stiffness=0.52))
-    std = [adapted(arm, recording, tmp_path / f"new_{s}", "--of-a-kind", "--spread", s)["adaptations"]["adapted"]
-           ["moves"]["stiffness"]["prior_std"] for s in ("0.05", "0.3")]  # fmt: skip
+    std = [adapted(arm, recording, tmp_path / f"new_{s[0]}", "--of-a-kind", "--spread", s)["adaptations"]["adapted"]
+           ["moves"]["stiffness"]["prior_std"] for s in ("5", "30%")]  # fmt: skip
     assert std == pytest.approx([0.05 * 0.5, 0.3 * 0.5], rel=0.15)  # and the doubt of the first robot
 
 
@@ -196,8 +196,8 @@ def idle(path: Path) -> Path:
     (lambda path: day(path, body()), ("--fit", "nothing"), "has no fit 'nothing'"),
     (lambda path: day(path, body()), ("--seconds", "0.02"), "state more seconds"),
     (lambda path: day(path, body()), ("--warm-up", "1.6"), "after the warm-up of 1.6 s"),
-    (lambda path: day(path, body()), ("--spread", "0.1"), "state --of-a-kind too"),
-    (lambda path: day(path, body()), ("--of-a-kind", "--spread", "0"), "a fraction above 0"),
+    (lambda path: day(path, body()), ("--spread", "10"), "state --of-a-kind too"),
+    (lambda path: day(path, body()), ("--of-a-kind", "--spread", "0"), "a number of % above 0"),
 ])  # fmt: skip
 def test_bad_input_is_one_sentence_and_nothing_is_written(arm, tmp_path, recording, options, said):
     before = digest(arm)

@@ -20,8 +20,8 @@ class DayOptions(TypedDict):
                                    "is simulated, but not compared, s; default: that of the recording of --like.")
     ]
     spread: Annotated[
-        float | None, typer.Option("--spread", help="With --of-a-kind: standard deviation between robots of the kind, "
-                                                    "as a fraction of each parameter; default: 0.15.")
+        float | None, typer.Option("--spread", parser=in_unit("%", least=0.0), help="With --of-a-kind: standard "
+                                   "deviation between robots of the kind, % of each parameter; default: 15.")
     ]
 
 
@@ -61,14 +61,15 @@ def adapt(
     from pliant.study.adapted_run import adapt as adapted
     from pliant.study.schema import SPREAD
 
-    spread = day["spread"]
-    if spread is not None and not of_a_kind:
+    percent = day["spread"]
+    if percent is not None and not of_a_kind:
         raise InputError("--spread is the spread between robots of one kind: state --of-a-kind too, or leave it out")
-    if spread is not None and not 0.0 < spread < math.inf:
-        raise InputError(f"--spread is a fraction above 0, such as 0.15, got {spread:g}")
+    if percent is not None and not 0.0 < percent < math.inf:
+        raise InputError(f"--spread is a number of % above 0, such as 15, got {percent:g}")
+    spread = SPREAD if percent is None else percent / 100.0
     with progress_lines() as notify:
         outcome = adapted(results, recording, output, seconds=seconds, fit=fit, like=like, warm_up=day["warm_up"],
-                          spread=(spread or SPREAD) if of_a_kind else None, progress=notify)
+                          spread=spread if of_a_kind else None, progress=notify)
     adaptation = outcome.adaptations["adapted"]
     if json:
         say((output / "metrics.json").read_text(encoding="utf-8"))
