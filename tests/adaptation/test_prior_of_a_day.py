@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,10 +16,14 @@ from pliant.errors import InputError
 from pliant.identification import Experiment, FitResult, Parameter
 from pliant.identification.joint_prior import JointPrior
 from pliant.identification.names import declarations
+from pliant.identification.problem import Problem
+from pliant.identification.residuals import correlated_frames
 from pliant.identification.scatter import scatter_between
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Station, Tendon, chain_model
 from pliant.simulation import Trace
+
+adapting = importlib.import_module("pliant.adaptation.adapt")
 
 
 def prior(rng: np.random.Generator, names: tuple[str, ...]) -> JointPrior:
@@ -170,3 +175,48 @@ def test_a_day_is_cut_where_the_seconds_end():
 def test_seconds_within_the_warm_up_are_refused():
     with pytest.raises(InputError, match="after the warm-up of 4 s, and a fit needs"):
         parts_of_day([moving(30.0, warm_up=4.0)], 4.2)
+
+
+def problem_of(seconds: float) -> Problem:
+    """A problem of one free stiffness with a prior, and one recording at 20 Hz."""
+    model = chain_model(length=0.2, mass=0.1, links=1, stiffness=1.0, damping=0.1, torque=[1e-6],
+                        stations=(Station("tip", 0, 0.1),))  # fmt: skip
+    return Problem([moving(seconds)], model, [Parameter("stiffness", 1.0, prior=1.0, prior_std=0.1)], 5e-3, "travel")
+
+
+def test_a_recording_shows_an_error_of_the_model_once_in_its_correlation_time():
+    problem = problem_of(20.0)
+    problem.expect_error(0.03, 2.0)
+    frames = 2.0 / 0.05
+    assert problem.size == pytest.approx(0.03 * np.sqrt(frames))
+    white = 1e-4 * np.random.default_rng(0).standard_normal(problem.ends[-1])
+    (observed,) = problem.observed
+    assert problem.frames_of_error(observed, white) == pytest.approx(frames)  # closer than the model deserves
+    assert problem.frames_of_error(observed, 1e3 * white) == correlated_frames(observed, white)
+    problem.expect_error(0.03, 1e6)
+    assert problem.size == pytest.approx(0.03 * np.sqrt(0.5 * moving(20.0).time.size))  # at least twice
+
+
+def test_an_overfitted_day_is_fitted_again_with_priors_that_weigh_more(monkeypatch):
+    day = parts_of_day([moving(30.0)], 12.0)
+    old = result({"stiffness": 1.0})
+    old = replace(old, rmse={"old": 4e-3}, covariance=old.covariance._replace(correlated=3.0))
+    asked = []
+
+    def fitted(error: float) -> list[float]:
+        asked.clear()
+
+        def fitted_day(_posterior, _day, _prior, options):
+            asked.append(options.get("error_time", 0.0))
+            return replace(old, rmse={"day": error})
+
+        monkeypatch.setattr(adapting, "fitted_day", fitted_day)
+        monkeypatch.setattr(adapting, "judged", lambda *_a, **_k: None)
+        monkeypatch.setattr(adapting, "check_day", lambda *_: None)
+        monkeypatch.setattr(adapting, "strained", lambda _moves: True)
+        adapting.adapt_model(old, posterior_of(old, {"old"}), day)
+        return list(asked)
+
+    assert fitted(1e-3) == [0.0, 3.0]  # overfitted, then nothing demands another body
+    assert fitted(3e-3) == [0.0]
+    assert fitted(9e-3) == [0.0, 0.0]  # all parameters of the body are released

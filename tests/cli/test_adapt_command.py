@@ -143,6 +143,28 @@ def test_another_robot_of_the_kind_moves_within_the_spread(arm, tmp_path):
     assert found["fits"]["adapted"]["parameters"]["stiffness"]["value"] == pytest.approx(0.58, rel=0.03)
 
 
+def test_a_stated_spread_is_the_width_of_the_prior(arm, tmp_path):
+    recording = day(tmp_path / "b.csv", body().with_(stiffness=0.52))
+    std = [adapted(arm, recording, tmp_path / f"new_{s[0]}", "--of-a-kind", "--spread", s)["adaptations"]["adapted"]
+           ["moves"]["stiffness"]["prior_std"] for s in ("5", "30%")]  # fmt: skip
+    assert std == pytest.approx([0.05 * 0.5, 0.3 * 0.5], rel=0.15)  # and the doubt of the first robot
+
+
+def test_a_warm_up_is_simulated_but_not_compared(arm, tmp_path):
+    recording = day(tmp_path / "may.csv", body(), tilt=TILT)
+    rows = recording.read_text().splitlines()
+    table = [[float(c) for c in row.split(",")] for row in rows[1:]]
+    for row in table:
+        if 0.05 < row[0] < 0.4:  # somebody holds the arm
+            row[5:8] = table[5][5:8]
+    recording.write_text("\n".join([rows[0], *(",".join(map(str, row)) for row in table)]) + "\n")
+    found = adapted(arm, recording, tmp_path / "new", "--warm-up", "0.6")
+    assert abs(found["fits"]["adapted"]["parameters"]["base_angle"]["value"] - TILT) < 0.01
+    assert found["adaptations"]["adapted"]["verdict"] == "re-mounted"
+    assert found["adaptations"]["adapted"]["seconds"] == pytest.approx(1.0, abs=0.02)
+    assert json.loads((tmp_path / "new" / "study.json").read_text())["recordings"]["may"]["warm_up"] == 0.6
+
+
 def still(path: Path) -> Path:
     seen = np.zeros((TIMES.size, 2, 3))
     seen[:, 1, 1] = 0.12
@@ -173,6 +195,9 @@ def idle(path: Path) -> Path:
     (lambda path: day(path, body()), ("--like", "nothing"), "--like names recording 'nothing'"),
     (lambda path: day(path, body()), ("--fit", "nothing"), "has no fit 'nothing'"),
     (lambda path: day(path, body()), ("--seconds", "0.02"), "state more seconds"),
+    (lambda path: day(path, body()), ("--warm-up", "1.6"), "after the warm-up of 1.6 s"),
+    (lambda path: day(path, body()), ("--spread", "10"), "state --of-a-kind too"),
+    (lambda path: day(path, body()), ("--of-a-kind", "--spread", "0"), "a number of % above 0"),
 ])  # fmt: skip
 def test_bad_input_is_one_sentence_and_nothing_is_written(arm, tmp_path, recording, options, said):
     before = digest(arm)

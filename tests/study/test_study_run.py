@@ -119,7 +119,7 @@ def test_the_headline_judges_what_was_held_out(done: tuple[StudyOutcome, Path, l
     assert headline.state == "good"
     assert headline.sentence.startswith("The model predicts the held-out record middle with an RMS error of 0.")
     assert headline.sentence.endswith("The target is met.")
-    assert headline.warnings == ()
+    assert headline.warnings == ("Forecast, 20 g at the tip: it extrapolates tip_mass 0.02 kg (in training 0 kg).",)
 
 
 def test_the_headline_names_what_is_worst_of_all_records(done: tuple[StudyOutcome, Path, list[str]]) -> None:

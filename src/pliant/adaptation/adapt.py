@@ -31,6 +31,7 @@ LEAST_MOTION = 0.003  # of the body's length
 SEEN = 0.25  # of the prior's variance left, below which the recordings determine a direction of the mounting
 PLAIN = 1.15  # error before over error after: a smaller gain is no new mounting, whatever the statistics say
 CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
+TOO_CLOSE = 0.5  # of the earlier error: a smaller one means that the mounting took up errors of the model
 LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
 WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
 
@@ -125,13 +126,16 @@ def check_day(old: FitResult, day: DayParts) -> None:
 
 def adapt_model(
     old: FitResult, posterior: Posterior, day: DayParts, *, weighting: str = "travel", loss: str = "linear",
-    kind: bool = False, progress: Notify | None = None,
+    kind: bool = False, usual: float | None = None, progress: Notify | None = None,
 ) -> Adaptation:
     """Fit a known arm to the first seconds of another day, and judge what changed.
 
     The posterior of the earlier fit is the prior of the body's parameters. Those of the mounting are free with wide
-    priors (`MOUNTING`). A parameter of the body that moves by more than four of its standard deviations is released
-    from its prior, and the fit is repeated. So are all of them if the mounting moves farther than its priors allow.
+    priors (`MOUNTING`). A few seconds that are followed much more closely than the earlier recordings are overfitted:
+    the fit is repeated with priors weighed by the earlier error and the time over which it was correlated. If the
+    recordings are followed less closely than the earlier ones, a parameter of the body that moves by more than four of
+    its standard deviations is released from its prior, and the fit is repeated. So are all of them if the mounting
+    moves farther than its priors allow.
 
     Parameters
     ----------
@@ -145,6 +149,8 @@ def adapt_model(
         As in `fit`.
     kind : bool
         Whether the recordings are of another robot of the kind.
+    usual : float, optional
+        RMS error [m; angles: rad] of the earlier model; default: the median of its training recordings.
     progress : callable, optional
         Called with a line of text after each fit.
 
@@ -157,12 +163,16 @@ def adapt_model(
     """
     notify = progress or (lambda _line: None)
     check_day(old, day)
+    usual = usual_error(old) if usual is None else usual
     options: dict[str, Any] = {
         "weighting": weighting, "loss": loss, "time_step": old.time_step, "tolerance": TOLERANCE,
-        "least_error": least_error(old, day, weighting),
+        "least_error": least_error(usual, old, day, weighting),
     }
     prior, released = posterior.prior, dict[str, float]()
     result = fitted_day(posterior, day, prior, options)
+    if old.covariance and max(result.rmse.values()) < TOO_CLOSE * usual:
+        options["error_time"] = old.covariance.correlated
+        result = fitted_day(posterior, day, prior, options)
     for _ in range(MOST_ROUNDS):
         moves = body_moves(posterior, result)
         far = {n: abs(z) for n, z in moves.items() if abs(z) > FAR}
@@ -170,7 +180,7 @@ def adapt_model(
             far = dict.fromkeys(moves, 1.0)
         far = {n: z for n, z in far.items() if n not in released}
         notify(f"adapt: {result.status}")
-        if not far:
+        if not far or within_usual(result, usual):
             break
         sizes = {p.name: max(abs(p.value or 0.0), p.scale) for p in posterior.parameters}
         released |= {n: (RELEASED * sizes[n]) ** 2 for n, z in far.items() if z > 0.5 * max(far.values())}
@@ -179,12 +189,23 @@ def adapt_model(
     return judged(old, posterior, day, result, prior, kind=kind)
 
 
-def least_error(old: FitResult, day: DayParts, weighting: str) -> float:
-    """Return the RMS error of the model that the earlier fit showed, in the unit of the residuals; 0 if it is unknown.
+def usual_error(old: FitResult) -> float:
+    """Return the median RMS error [m; angles: rad] of the recordings of a fit; 0 if it is unknown."""
+    return float(np.median(list(old.rmse.values()))) if old.rmse else 0.0
+
+
+def within_usual(result: FitResult, usual: float) -> bool:
+    """Return whether a fit follows each of its recordings at least as closely as the earlier model did its own, whose
+    RMS error [m; angles: rad] is `usual`: then nothing demands another body.
+    """
+    return max(result.rmse.values(), default=0.0) <= usual
+
+
+def least_error(usual: float, old: FitResult, day: DayParts, weighting: str) -> float:
+    """Return the RMS error `usual` [m; angles: rad] of the earlier model in the unit of the residuals.
 
     A few seconds can be fitted more closely than the model deserves.
     """
-    usual = float(np.median(list(old.rmse.values()))) if old.rmse else 0.0
     unit = {"metre": 1.0, "noise": np.inf}.get(weighting, float(np.median([e.travel for e in day.fitted])))
     dimensions = 1 if old.turns else day.fitted[0].dimension
     return float(usual / unit / np.sqrt(dimensions))

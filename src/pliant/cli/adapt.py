@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypedDict, Unpack
 
 import typer
 
-from pliant.cli.terminal import in_unit, progress_lines, say
+from pliant.cli.terminal import also_takes, in_unit, progress_lines, say
+from pliant.errors import InputError
 
 
+class DayOptions(TypedDict):
+    """Further options of the command, which typer takes from `also_takes`."""
+
+    warm_up: Annotated[
+        float | None, typer.Option("--warm-up", parser=in_unit("s", least=0.0), help="Time from the first frame that "
+                                   "is simulated, but not compared, s; default: that of the recording of --like.")
+    ]
+    spread: Annotated[
+        float | None, typer.Option("--spread", parser=in_unit("%", least=0.0), help="With --of-a-kind: standard "
+                                   "deviation between robots of the kind, % of each parameter; default: 15.")
+    ]
+
+
+@also_takes(DayOptions, warm_up=None, spread=None)
 def adapt(
     results: Annotated[
         list[Path], typer.Argument(help="Results folder of `pliant run`, or of an earlier adaptation; with --of-a-kind "
@@ -31,9 +47,10 @@ def adapt(
     ] = "",
     of_a_kind: Annotated[
         bool, typer.Option("--of-a-kind", help="The recording is of another robot of the same kind: each "
-                            "parameter of the body may differ by 15 %; three or more results tell the spread.")
+                            "parameter of the body may differ by --spread; three or more results tell the spread.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print metrics.json on standard output.")] = False,
+    **day: Unpack[DayOptions],
 ) -> None:
     """Adapt a fitted model to another day: fit the mounting, update the body, and say what changed.
 
@@ -44,9 +61,15 @@ def adapt(
     from pliant.study.adapted_run import adapt as adapted
     from pliant.study.schema import SPREAD
 
+    percent = day["spread"]
+    if percent is not None and not of_a_kind:
+        raise InputError("--spread is the spread between robots of one kind: state --of-a-kind too, or leave it out")
+    if percent is not None and not 0.0 < percent < math.inf:
+        raise InputError(f"--spread is a number of % above 0, such as 15, got {percent:g}")
+    spread = SPREAD if percent is None else percent / 100.0
     with progress_lines() as notify:
-        outcome = adapted(results, recording, output, seconds=seconds, fit=fit, like=like,
-                          spread=SPREAD if of_a_kind else None, progress=notify)
+        outcome = adapted(results, recording, output, seconds=seconds, fit=fit, like=like, warm_up=day["warm_up"],
+                          spread=spread if of_a_kind else None, progress=notify)
     adaptation = outcome.adaptations["adapted"]
     if json:
         say((output / "metrics.json").read_text(encoding="utf-8"))

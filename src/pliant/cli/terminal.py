@@ -12,7 +12,7 @@ from contextvars import ContextVar
 from functools import wraps
 from inspect import Parameter, signature
 from time import monotonic
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -53,6 +53,24 @@ def can_be_quiet(command: Callable[..., None]) -> Callable[..., None]:
     run.__signature__ = stated.replace(parameters=taken)  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in taken}
     return run
+
+
+def also_takes(options: type, **defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator of a command whose ``**`` keywords are the `options`, a `TypedDict`: typer then makes an
+    option of each, with the given default.
+    """
+
+    def decorated(command: Callable[..., None]) -> Callable[..., None]:
+        stated = signature(command, eval_str=True)
+        named = [p for p in stated.parameters.values() if p.kind is not Parameter.VAR_KEYWORD]
+        kinds = get_type_hints(options, include_extras=True)
+        added = [Parameter(n, Parameter.KEYWORD_ONLY, default=defaults[n], annotation=kind)
+                 for n, kind in kinds.items()]  # fmt: skip
+        command.__signature__ = stated.replace(parameters=[*named, *added])  # type: ignore[attr-defined]
+        command.__annotations__ = {p.name: p.annotation for p in (*named, *added)}
+        return command
+
+    return decorated
 
 
 def in_unit(unit: str, least: float = -math.inf) -> Callable[[Any], float]:

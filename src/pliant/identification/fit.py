@@ -54,11 +54,12 @@ class FitOptions(TypedDict, total=False):
     prior: JointPrior | None
     tolerance: float
     least_error: float
+    error_time: float
 
 
 FIT_OPTIONS: FitOptions = {
     "time_step": None, "loss": "linear", "starts": 3, "weighting": "travel", "rng": 0, "prior": None, "tolerance": 1e-9,
-    "least_error": 0.0,
+    "least_error": 0.0, "error_time": 0.0,
 }
 
 
@@ -112,6 +113,8 @@ def fit(
     least_error : float
         RMS error of the model, known from other recordings, in the unit of the residuals. Priors weigh at least as much
         as this error demands, also where few data are fitted closely; not for the weighting "noise". Default: 0.
+    error_time : float
+        Correlation time [s] of that error: a recording shows it as often as this time fits into it. Default: 0.
     max_evaluations : int
         Highest number of evaluations for each start.
     progress : callable, optional
@@ -139,7 +142,7 @@ def fit(
     loss, weighting = how["loss"], how["weighting"]
     check_choices(loss, weighting)
     problem = first_problem(experiments, model, parameters, how["time_step"], weighting, how["prior"])
-    problem.least_error = how["least_error"]
+    problem.expect_error(how["least_error"], how["error_time"])
     longest = how["time_step"] or LONGEST
     second = independent_start(problem, model, parameters, longest, weighting) if how["starts"] > 1 else None
     warm = {name: warm_start(problem, smaller) for name, smaller in nested.items()}

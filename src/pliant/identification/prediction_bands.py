@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from statistics import NormalDist
 
 import numpy as np
@@ -153,46 +154,82 @@ def trial_to_trial(rows: Array, recordings: int) -> Array:
     return np.asarray((TRIAL_GAIN * (rows - rows[:1])) ** 2 * (recordings == 1))
 
 
+@dataclass(frozen=True, eq=False)
+class TrainingResiduals:
+    """What is left of N training recordings by their fit, from which noise and reach of predictions are learnt.
+
+    Attributes
+    ----------
+    train : sequence of Experiment
+    motions : sequence of arrays (T, S, k)
+        Modelled values of each training recording, m; angles: rad.
+    weighting : str
+        That of the fit. With "travel", residuals are taken relative to each recording's peak displacement.
+    """
+
+    train: Sequence[Experiment]
+    motions: Sequence[Array]
+    weighting: str = "travel"
+
+    @classmethod
+    def of(
+        cls, train: Sequence[Experiment], fitted: FitResult, *, time_step: float | None = None,
+        weighting: str = "travel",
+    ) -> TrainingResiduals:
+        """Return the residuals of a fit, whose training recordings are simulated. `time_step` is in s; default: that
+        of the fit.
+        """
+        step = time_step or fitted.time_step
+        motions = [predict(fitted.model, exp, fitted.values, step)["compared"] for exp in train]
+        return cls(train, motions, weighting)
+
+    @cached_property
+    def errors(self) -> Array:
+        """Return all absolute training residuals (M,), each over its standard deviation from `noise`."""
+        sizes = []
+        for exp, rows in zip(self.train, self.motions, strict=True):
+            off = np.abs(exp.compared - rows) / self.noise(exp, rows)
+            sizes.append(off[np.isfinite(off)])
+        return np.concatenate(sizes)
+
+    def reach(self, level: float = 0.95) -> float:
+        """Return the number of standard deviations of `noise` within which the fraction `level` of the training
+        residuals lies.
+
+        Errors of a model that lacks something are bounded, and reach less far than normal ones of the same size.
+        """
+        return float(np.clip(np.quantile(self.errors, level), *REACH))
+
+    def noise(self, experiment: Experiment, modelled: Float[Array, "T S k"]) -> Float[Array, "T S k"]:
+        """Return the standard deviation of a prediction's residuals at T times and S stations: (T, S, 2 or 3) [m], or
+        (T, S, 1) [rad] if only angles were recorded.
+
+        The squared residuals of each coordinate are modelled as a non-negative sum of a constant, a term in the squared
+        displacement of the tip, and a term in its squared speed, since a model errs differently at rest, while held,
+        and in motion.
+
+        With the weighting "travel", residuals and displacements are taken relative to each recording's peak
+        displacement and scaled back by that of the prediction `modelled` (T, S, ...). A station without training data
+        gets the mean of all stations.
+        """
+        share = self.weighting == "travel"
+        return noise_like(self.train, self.motions, experiment, modelled, share=share)
+
+
 def residual_reach(
     train: Sequence[Experiment], fitted: FitResult, *, time_step: float | None = None, weighting: str = "travel",
     level: float = 0.95,
 ) -> float:
-    """Return the number of standard deviations of `residual_noise` within which the fraction `level` of the training
-    residuals lies.
-
-    Errors of a model that lacks something are bounded, and reach less far than normal ones of the same size.
-    `time_step` is in s; default: that of the fit.
-    """
-    motions, sizes = training_motions(train, fitted, time_step), []
-    for exp, rows in zip(train, motions, strict=True):
-        off = np.abs(exp.compared - rows) / noise_like(train, motions, exp, rows, share=weighting == "travel")
-        sizes.append(off[np.isfinite(off)])
-    return float(np.clip(np.quantile(np.concatenate(sizes), level), *REACH))
+    """Return `TrainingResiduals.reach` of the training recordings of a fit, which are simulated."""
+    return TrainingResiduals.of(train, fitted, time_step=time_step, weighting=weighting).reach(level)
 
 
 def residual_noise(
     train: Sequence[Experiment], fitted: FitResult, experiment: Experiment, modelled: Float[Array, "T S k"], *,
     time_step: float | None = None, weighting: str = "travel",
 ) -> Float[Array, "T S k"]:
-    """Return the standard deviation of a prediction's residuals at T times and S stations, learnt from training
-    recordings: (T, S, 2 or 3) [m], or (T, S, 1) [rad] if only angles were recorded.
-
-    The squared residuals of each coordinate are modelled as a non-negative sum of a constant, a term in the squared
-    displacement of the tip, and a term in its squared speed, since a model errs differently at rest, while held, and in
-    motion.
-
-    With `weighting` "travel", residuals and displacements are taken relative to each recording's peak displacement and
-    scaled back by that of the prediction `modelled` (T, S, ...). A station without training data gets the mean of all
-    stations. `time_step` is in s; default: that of the fit.
-    """
-    motions = training_motions(train, fitted, time_step)
-    return noise_like(train, motions, experiment, modelled, share=weighting == "travel")
-
-
-def training_motions(train: Sequence[Experiment], fitted: FitResult, time_step: float | None) -> list[Array]:
-    """Return the modelled values (T, S, k) of each training recording."""
-    step = time_step or fitted.time_step
-    return [predict(fitted.model, exp, fitted.values, step)["compared"] for exp in train]
+    """Return `TrainingResiduals.noise` of a prediction from the training recordings of a fit, which are simulated."""
+    return TrainingResiduals.of(train, fitted, time_step=time_step, weighting=weighting).noise(experiment, modelled)
 
 
 def noise_like(

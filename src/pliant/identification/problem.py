@@ -77,6 +77,7 @@ class Problem:
         self.held = np.zeros((0, len(self.free))), np.zeros(0)
         self.size = 1.0 if weighting == "noise" else FIRST_GUESS * self.unit
         self.least_error = 0.0  # of residuals (RMS): what the model is known to lack, however well it fits
+        self.error_time = 0.0  # s, over which that error is correlated
         self.evaluations = 0
         self.broken = ""
         self.plans = Plans()
@@ -184,6 +185,34 @@ class Problem:
         """
         return np.concatenate([self.known[0], self.held[0]]), np.concatenate([self.known[1], self.held[1]])
 
+    def expect_error(self, size: float, time: float) -> None:
+        """Expect residuals of the RMS `size`, correlated over `time` [s], however closely the recordings are fitted.
+        If the time is known, the weight of the priors follows from them before `learn_sizes`.
+        """
+        self.least_error, self.error_time = size, time
+        if size > 0 and time > 0 and self.weighting != "noise":
+            independent = sum(o.count / self.longest_error(o) for o in self.observed)
+            self.size = size * float(np.sqrt(self.ends[-1] / max(independent, 1e-300)))
+
+    def longest_error(self, observed: Observations) -> float:
+        """Return the frames over which the expected error of the model is correlated, such that a recording shows it
+        at least twice; 1 where it is not known.
+        """
+        step = float(np.median(np.diff(observed.exp.time))) if observed.exp.time.size > 1 else 0.0
+        if not (self.error_time > 0 and step > 0) or observed.exp.poses:
+            return 1.0
+        frames = np.count_nonzero(observed.seen.any(axis=(1, 2)))
+        return max(min(self.error_time / step, 0.5 * frames), 1.0)
+
+    def frames_of_error(self, observed: Observations, residual: Array) -> float:
+        """Return the correlation length of a residual (N,) in frames; at least that of the expected error where the
+        residual is smaller than it.
+        """
+        frames = correlated_frames(observed, residual)
+        if float(np.sqrt(np.mean(residual**2))) >= self.least_error:
+            return frames
+        return max(frames, self.longest_error(observed))
+
     def learn_sizes(self, x: Array) -> None:
         """Set the weight of the priors and the unknown noise levels from the size of the residuals at x (P,).
 
@@ -191,7 +220,7 @@ class Problem:
         """
         residual = self.data_residual(x)
         parts = self.parted(residual)
-        independent = sum(part.size / correlated_frames(o, part) for o, part in parts)
+        independent = sum(part.size / self.frames_of_error(o, part) for o, part in parts)
         self.size = float(np.sqrt(residual.size / independent))
         if self.weighting != "noise":
             self.size *= max(float(np.sqrt(np.mean(residual**2))), self.least_error, 1e-12 * self.unit)

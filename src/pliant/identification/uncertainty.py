@@ -110,6 +110,7 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
         lacking = max(1.0, problem.least_error / max(float(size), 1e-300)) ** 2 if problem.least_error else 1.0
         flat += lacking * size**2 * mine.T @ mine
         frames = correlated_frames(o, part)
+        lacking *= problem.frames_of_error(o, part) / frames if problem.least_error else 1.0
         effective += part.size / frames
         widths.append(frames * float(np.median(np.diff(o.exp.time))) if frames > COLOURED else 0.0)
         if frames > COLOURED:

@@ -6,24 +6,41 @@ import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypedDict, Unpack
+
+import numpy as np
 
 from pliant.adaptation import Adaptation, posterior_of
 from pliant.errors import InputError
 from pliant.files import output_folder
+from pliant.options import with_defaults
 from pliant.study.another_day import Robot, adapted_fits, learning_of, signs_of
 from pliant.study.run import PreparedStudy, prepare_all, write_outcome
 from pliant.study.schema import SPREAD, AdaptEntry, Recording, Study, day_names, load_study
 from pliant.study.verdict import headline, verdict
 from pliant.validation.outcome import FitOutcome, StudyOutcome, in_recorded_axes
-from pliant.validation.store import load_fit
+from pliant.validation.store import held_out_errors, load_fit
 from pliant.version import __version__
 
 Notify = Callable[[str], None]
 
 
+class AdaptOptions(TypedDict, total=False):
+    """Keyword options of `adapt`, where they are documented."""
+
+    seconds: float
+    fit: str
+    like: str
+    spread: float | None
+    warm_up: float | None
+
+
+ADAPT_OPTIONS: AdaptOptions = {"seconds": 20.0, "fit": "", "like": "", "spread": None, "warm_up": None}
+
+
 def adapt(
     results: str | Path | Sequence[str | Path], recordings: str | Path | Sequence[str | Path], folder: str | Path, *,
-    seconds: float = 20.0, fit: str = "", like: str = "", spread: float | None = None, progress: Notify | None = None,
+    progress: Notify | None = None, **options: Unpack[AdaptOptions],
 ) -> StudyOutcome:
     """Adapt the model of an earlier run to the first seconds of another day, and write the results to a new folder.
 
@@ -44,6 +61,9 @@ def adapt(
         training recording.
     spread : float, optional
         For another robot of the kind: standard deviation between robots, as a fraction of each parameter.
+    warm_up : float, optional
+        Time from the first frame of each recording, s, that is simulated, but not compared; default: that of the
+        recording `like`.
     progress : callable, optional
         Called with a line of text after each step.
 
@@ -58,18 +78,22 @@ def adapt(
         When results or recordings cannot be used, or the folder holds results already.
     FitError
         When the model cannot be simulated.
+    TypeError
+        For an unknown keyword.
     """
+    how = with_defaults(adapt, options, ADAPT_OPTIONS)
+    fit, spread = how["fit"], how["spread"]
     began, notify = clock.perf_counter(), progress or (lambda _line: None)
     sources = [Path(r) for r in ([results] if isinstance(results, str | Path) else results)]
     files = [Path(r) for r in ([recordings] if isinstance(recordings, str | Path) else recordings)]
     refuse_folder(Path(folder), sources, kind=spread is not None)
     study = load_study(sources[0] / "study.json")
     loaded = [load_fit(source, fit) for source in sources]
-    robots = [Robot(result, posterior_of(result, known_names(source)), title)
-              for source, (_, title, result) in zip(sources, loaded, strict=True)]
-    new = new_recordings(study, files, like or first_training(study, loaded[0][0]))
+    robots = [Robot(result, posterior_of(result, known_names(source)), title, held_out_errors(source, name))
+              for source, (name, title, result) in zip(sources, loaded, strict=True)]
+    new = new_recordings(study, files, how["like"] or first_training(study, loaded[0][0]), how["warm_up"])
     entry = AdaptEntry(recordings=list(new), fit=loaded[0][0] if loaded[0][0] not in day_names(study) else "",
-                       seconds=seconds, of_a_kind=spread is not None, spread=spread or SPREAD)  # fmt: skip
+                       seconds=how["seconds"], of_a_kind=spread is not None, spread=spread or SPREAD)  # fmt: skip
     ready = prepare_all(study_of_day(study, new), notify)
     if lost := [line for name, line in ready.dropped.items() if name in new]:
         raise InputError(f"{lost[0]}; use a recording in which the arm moves")
@@ -101,9 +125,11 @@ def first_training(study: Study, fit: str) -> str:
     return learning_of(study, fit).train[0]
 
 
-def new_recordings(study: Study, files: Sequence[Path], like: str) -> dict[str, Recording]:
+def new_recordings(
+    study: Study, files: Sequence[Path], like: str, warm_up: float | None = None,
+) -> dict[str, Recording]:
     """Return entries of new recordings, which take all but file, part and start from the recording `like` of the
-    study. Each start follows from the recording's own first frames.
+    study; the warm-up [s] too unless it is stated. Each start follows from the recording's own first frames.
     """
     if like not in study.recordings:
         raise InputError(f"--like names recording {like!r}, which is not one of {', '.join(study.recordings)}")
@@ -111,6 +137,8 @@ def new_recordings(study: Study, files: Sequence[Path], like: str) -> dict[str, 
     if shared.pressure_file is not None:
         raise InputError(f"recording {like} has its pressure in a file of its own: add the new recording and its "
                          "pressure_file to the study, with a table [adapt], and run the study")  # fmt: skip
+    if warm_up is not None and not 0.0 <= warm_up < np.inf:
+        raise InputError(f"the warm-up must be a finite time of at least 0 s, got {warm_up:g}")
     new: dict[str, Recording] = {}
     for file in files:
         if not file.is_file():
@@ -119,7 +147,8 @@ def new_recordings(study: Study, files: Sequence[Path], like: str) -> dict[str, 
         taken = {*study.recordings, *new}
         name = next(n for n in (name, *(f"{name}_{k}" for k in range(2, len(taken) + 3))) if n not in taken)
         differs = {"file": str(file.resolve()), "window": None, "part": None, "start": None}
-        new[name] = shared.model_copy(update=differs)
+        stated = {} if warm_up is None else {"warm_up": warm_up}
+        new[name] = shared.model_copy(update=differs | stated)
     return new
 
 

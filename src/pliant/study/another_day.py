@@ -7,7 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+
 from pliant.adaptation import Adaptation, DayParts, Posterior, adapt_model, parts_of_day, posterior_of
+from pliant.adaptation.adapt import usual_error
 from pliant.adaptation.posterior import of_a_kind
 from pliant.failures import FAILED, Failures, NotComputed, fit_failure
 from pliant.identification import Experiment, FitResult
@@ -26,6 +29,14 @@ class Robot:
     result: FitResult
     posterior: Posterior
     title: str
+    held_out: tuple[float, ...] = ()  # RMS errors of its held-out recordings, m; angles: rad
+
+    @property
+    def usual(self) -> float:
+        """Return the median RMS error [m; angles: rad] of the training or of the held-out recordings, whichever is
+        larger.
+        """
+        return max(usual_error(self.result), float(np.median(self.held_out)) if self.held_out else 0.0)
 
 
 def adapted_fits(
@@ -38,7 +49,7 @@ def adapted_fits(
     day = parts_of_day([experiments[r] for r in entry.recordings], entry.seconds)
     adaptation = adapt_model(
         old.result, posterior, day, weighting=learning.weighting, loss=learning.loss, kind=entry.of_a_kind,
-        progress=notify,
+        usual=old.usual, progress=notify,
     )
     notify(f"{name}: {adaptation.sentence}")
     failures = Failures(name, notify)
@@ -87,7 +98,8 @@ def run_days(
             failed.append(NotComputed("fit", name, "", f"fit {entry.fit or latest} could not be computed"))
             continue
         try:
-            robot = Robot(start.result, posterior_of(start.result, set(study.recordings)), start.title)
+            robot = Robot(start.result, posterior_of(start.result, set(study.recordings)), start.title,
+                          errors_of_held_out(start))  # fmt: skip
             learning = learning_of(study, start.name)
             outcomes, adaptations[name] = adapted_fits(name, entry, [robot], experiments, notify, learning)
         except FAILED as error:
@@ -97,6 +109,13 @@ def run_days(
         done += outcomes
         latest = name
     return done, adaptations, failed
+
+
+def errors_of_held_out(fit: FitOutcome) -> tuple[float, ...]:
+    """Return the RMS errors [m; angles: rad] of the held-out recordings of a fit."""
+    unit, factor = fit.result.shown_in
+    named = [r.metrics.get(f"rmse_{unit}") for r in fit.records if r.role == "held_out"]
+    return tuple(float(v) / factor for v in named if isinstance(v, float) and np.isfinite(v))
 
 
 def signs_of(outcome: StudyOutcome, experiments: Mapping[str, Experiment]) -> dict[str, int]:

@@ -22,12 +22,11 @@ from pliant.identification import (
     predict,
     predict_held_out,
     prediction_band,
-    residual_noise,
-    residual_reach,
 )
 from pliant.identification.fit import parameters_from
 from pliant.identification.nested import parents
 from pliant.identification.prediction import predict_body
+from pliant.identification.prediction_bands import TrainingResiduals
 from pliant.model import Model
 from pliant.selection import ModelSelection, select_model, terms_for
 from pliant.selection.result import RivalModel
@@ -174,12 +173,13 @@ def records_of(
     A recording whose motion cannot be computed is added to `failures` and left out. One whose band cannot be
     computed is added to `failures` and returned without a band.
     """
-    records = []
+    records: list[RecordOutcome] = []
     for exp in train:
         followed = partial(outcome_of, exp, "train", result, result.values, time_step)
         if (record := failures.attempt("prediction", exp.name, followed, "train")) is not None:
             records.append(record)
             warn_of_step(record, result, result.values, time_step, failures)
+    left = TrainingResiduals([r.experiment for r in records], [r.modelled for r in records], weighting)
     for exp in held_out:
         forecast = partial(predicted_outcome, exp, result, time_step)
         predicted = failures.attempt("prediction", exp.name, forecast, "held_out")
@@ -187,8 +187,8 @@ def records_of(
             continue
         record, refit = predicted
         warn_of_step(record, refit, refit.values, time_step, failures)
-        if result.covariance is not None:
-            banded = partial(band_of, train, result, record, refit, time_step, weighting)
+        if result.covariance is not None and left.train:
+            banded = partial(band_of, left, result, record, refit, time_step)
             if (band := failures.attempt("band", exp.name, banded, "held_out")) is not None:
                 held = 100 * band.holds(exp.compared)
                 record = replace(record, metrics={**record.metrics, "within_band_percent": held}, band=band)
@@ -229,15 +229,11 @@ def predicted_outcome(exp: Experiment, result: FitResult, time_step: float) -> t
 
 
 def band_of(
-    train: Sequence[Experiment], result: FitResult, record: RecordOutcome, refit: FitResult, time_step: float,
-    weighting: str,
+    left: TrainingResiduals, result: FitResult, record: RecordOutcome, refit: FitResult, time_step: float,
 ) -> Band:
-    """Return the 95 % band of a prediction, from the parameters' uncertainty and the noise of the training
-    residuals.
-    """
+    """Return the 95 % band of a prediction, from the parameters' uncertainty and the training residuals `left`."""
     exp = record.experiment
-    noise = residual_noise(train, result, exp, record.modelled, time_step=time_step, weighting=weighting)
-    reach = residual_reach(train, result, time_step=time_step, weighting=weighting)
-    band = prediction_band(exp, result, time_step=time_step, noise=noise, own=refit, training=train, reach=reach)
+    band = prediction_band(exp, result, time_step=time_step, noise=left.noise(exp, record.modelled), own=refit,
+                           training=left.train, reach=left.reach())  # fmt: skip
     finite(band.std, "the width of the band")
     return band

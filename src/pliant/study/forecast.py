@@ -16,6 +16,7 @@ from pliant.identification.edges import edges
 from pliant.identification.prediction_bands import half_widths
 from pliant.model import Model
 from pliant.simulation import Trace
+from pliant.study.beyond import extrapolations
 from pliant.study.schema import ForecastEntry, Study
 from pliant.units import pascal_per
 from pliant.validation.metrics import NAMES, growth, response
@@ -105,7 +106,7 @@ def run_forecast(
     stated = entry.known | ({"level": case.level} if entry.level is not None else {}) | named
     return Forecast(
         name, entry.title or name, stated, case.time, tip, dict(zip(seen, found[:count].tolist(), strict=True)),
-        interval, width,
+        interval, width, extrapolations(case, result, training, entry.known),
     )
 
 

@@ -105,7 +105,7 @@ def placement_sentences(outcome: StudyOutcome) -> list[str]:
 
 def forecast_sentence(forecast: Forecast) -> str:
     """Return a sentence with the predicted numbers of a forecast and their 95 % intervals, which come from the fit's
-    uncertainty.
+    uncertainty, and one on what it extrapolates.
     """
     parts = []
     for key, value in forecast.numbers.items():
@@ -114,7 +114,13 @@ def forecast_sentence(forecast: Forecast) -> str:
         about = "" if half is None else f" +- {half:.2g}"
         parts.append(f"{words} {value:.3g}{about} {unit}".rstrip())
     tail = " (95 % intervals from the fit's uncertainty)" if forecast.interval else ""
-    return f"Forecast, {forecast.title}: {', '.join(parts)}{tail}."
+    beyond = f" It {extrapolated(forecast)}" if forecast.extrapolates else ""
+    return f"Forecast, {forecast.title}: {', '.join(parts)}{tail}.{beyond}"
+
+
+def extrapolated(forecast: Forecast) -> str:
+    """Return the end of a sentence on what a forecast extrapolates."""
+    return f"extrapolates {'; '.join(forecast.extrapolates)}."
 
 
 def record_sentence(fit: FitOutcome, record: RecordOutcome, targets: Targets) -> str:
@@ -208,7 +214,8 @@ def nearly_all(m: dict[str, Any]) -> str:
 
 
 def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
-    """Return the headline of the report: sentences and warnings on the first fit, and a state. The state is "missed" if
+    """Return the headline of the report: sentences and warnings on the first fit, what forecasts extrapolate, and a
+    state. The state is "missed" if
     a target is missed, "beware" if there are warnings, "good" if all targets are met, or "open" if no target is stated.
     """
     fit = outcome.fits[0]
@@ -232,7 +239,9 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     model = f"The model of the fit {fit.title}" if len(outcome.fits) > 1 else "The model"
     sentences += [sentence(model, records, held=bool(held)) + largest_shortfall(records)] if records else []
     sentences += [lost_sentence(lost)] if lost else []
-    return Headline(state, " ".join([*sentences, target_sentence(verdicts)]), warnings)  # type: ignore[arg-type]
+    beyond = tuple(f"Forecast, {f.title}: it {extrapolated(f)}" for f in outcome.forecasts if f.extrapolates)
+    spoken = " ".join([*sentences, target_sentence(verdicts)])
+    return Headline(state, spoken, (*warnings, *beyond))  # type: ignore[arg-type]
 
 
 def lost_sentence(lost: Sequence[NotComputed]) -> str:

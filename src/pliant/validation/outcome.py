@@ -191,6 +191,7 @@ class Forecast:
     numbers: dict[str, float]  # frequency_hz, static_drop_mm, ... with the unit in the name
     interval: dict[str, float] = field(default_factory=dict)  # half-widths at 95 % of the numbers
     half_width: Array | None = None  # (T, 2) m or (T, 1) rad, of the 95 % band about the tip
+    extrapolates: tuple[str, ...] = ()  # inputs, combinations of inputs and loads beyond the training recordings
 
 
 class WiringRow(NamedTuple):
@@ -327,7 +328,8 @@ class StudyOutcome(Shown):
             "wiring": self.wirings.to_dict() if self.wirings else None,
             "order": self.shape.order.to_dict() if self.shape else None,
             "forecasts": {
-                f.name: {"title": f.title, "stated": f.stated, **f.numbers, "half_width_95": f.interval}
+                f.name: {"title": f.title, "stated": f.stated, **f.numbers, "half_width_95": f.interval,
+                         "extrapolates": list(f.extrapolates)}
                 for f in self.forecasts
             },
             "adaptations": {k: a.to_dict() for k, a in self.adaptations.items()},

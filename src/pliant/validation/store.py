@@ -237,6 +237,14 @@ def load_fit(folder: Path, name: str = "") -> tuple[str, str, FitResult]:
     return name, entry["title"], replace(result, rmse=rmse)
 
 
+def held_out_errors(folder: Path, name: str) -> tuple[float, ...]:
+    """Return the RMS errors [m; angles: rad] of the held-out recordings of one fit of a run, from its folder."""
+    records = metrics_of(folder)["fits"][name]["records"].values()
+    rows = [r for r in records if r["role"] == "held_out"]
+    return tuple(r[f"rmse_{unit}"] / factor for r in rows for unit, factor in (("mm", 1e3), ("deg", np.degrees(1.0)))
+                 if r.get(f"rmse_{unit}") is not None)  # fmt: skip
+
+
 def metrics_of(folder: Path) -> dict[str, Any]:
     """Return the content of metrics.json; InputError if it cannot be read or was not written by `pliant run`."""
     path = folder / "metrics.json"
@@ -414,9 +422,9 @@ def clocks_of(name: str, entry: dict[str, Any], groups: Groups) -> Clocks:
 
 def forecast_of(name: str, entry: dict[str, Any], recording: xr.Dataset) -> Forecast:
     """Return a prediction for a case that was not recorded."""
-    apart = {"title", "stated", "half_width_95"}
+    apart = {"title", "stated", "half_width_95", "extrapolates"}
     return Forecast(
         name, entry["title"], entry["stated"], recording["time"].values, recording["tip"].values,
         {k: v for k, v in entry.items() if k not in apart}, entry["half_width_95"],
-        recording["half_width"].values if "half_width" in recording else None,
+        recording["half_width"].values if "half_width" in recording else None, tuple(entry.get("extrapolates", ())),
     )

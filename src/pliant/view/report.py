@@ -199,8 +199,8 @@ def shape_block(shape: Shape) -> dict[str, Any]:
 
 
 def forecast_block(forecast: Forecast) -> dict[str, Any]:
-    """Return the stated changes and the predicted numbers of a forecast."""
+    """Return the stated changes and the predicted numbers of a forecast, and what it extrapolates."""
     stated = [(k, digits(v, 5, zeros=False), known_unit(k)) for k, v in forecast.stated.items()]
     half = {k: f" ± {digits(v, 2)}" for k, v in forecast.interval.items()}
     numbers = [(k, *metric_label(k), f"{digits(v, 4)}{half.get(k, '')}") for k, v in forecast.numbers.items()]
-    return {"title": forecast.title, "stated": stated, "numbers": numbers}
+    return {"title": forecast.title, "stated": stated, "numbers": numbers, "extrapolates": forecast.extrapolates}
