@@ -361,16 +361,16 @@ def test_a_stepper_of_any_size_holds_its_chains(paper, size):
     made = batch_stepper([paper], size, 1e-3)
     pressure = np.linspace(1e4, 5e4, size)[:, None]
     assert not made.hold(pressure, 10).any()
-    assert made.angle.shape == made.rate.shape == (size, paper.n)
+    assert made.position.shape == made.velocity.shape == (size, paper.n)
     if size > 1:
-        assert np.all(np.diff(made.angle[:, -1]) > 0)  # the more pressure, the farther
+        assert np.all(np.diff(made.position[:, -1]) > 0)  # the more pressure, the farther
 
 
 def test_bodies_of_a_stepper_all_remember_or_none(paper):
     memory = Memory(slip_share=(0.3,), slip_angle=(0.02,))
     other = Memory(slip_share=(0.2,), slip_angle=(0.02,))
     both = batch_stepper([paper.with_(memory=memory), paper.with_(memory=other)], 2, 1e-3)
-    assert both.angle.shape == (2, paper.n)
+    assert both.position.shape == (2, paper.n)
     with pytest.raises(InputError, match="must share memory"):
         batch_stepper([paper.with_(memory=memory), paper], 2, 1e-3)
 
