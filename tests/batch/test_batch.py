@@ -302,3 +302,24 @@ def test_bodies_in_space_have_the_bits_of_single_runs():
         simulate_batch([body, body.with_(space=Space(twist_ratio=0.7, radius=0.01))], inputs, times=TIMES)
     with pytest.raises(InputError, match="batches on a GPU were removed"):
         simulate_batch(body, inputs, times=TIMES, device="gpu")
+
+
+def test_every_name_of_a_fit_is_a_batch_parameter(paper):
+    """Names without an array in the vectors of a planar batch change its models one by one."""
+    model = paper.with_(
+        memory=Memory((0.1,), (0.3,), (0.1,), (0.01,), boucwen_share=0.1),
+        valve=Valve(rise_time=0.02, fall_time=0.02, rise_rate=1e7), gravity=[0.0, -9.81],
+    )
+    values = {"creep_share_1": 0.2, "creep_time_1": 0.2, "slip_share_1": 0.2, "slip_angle_1": 0.02,
+              "boucwen_share": 0.2, "valve_rise_rate": 1e6, "gravity_angle": 0.2, "stiffness": 1.6}  # fmt: skip
+    for name, value in values.items():
+        given = {name: np.array([value])}
+        batch = simulate_batch(model, Pulse(3e4), parameters=given, times=TIMES[:10], time_step=2e-3)
+        alone = simulate(apply(model, {name: value}), Pulse(3e4), times=TIMES[:10], time_step=2e-3)
+        plain = simulate(model, Pulse(3e4), times=TIMES[:10], time_step=2e-3)
+        np.testing.assert_allclose(batch.tip_position.values[0], alone.tip_position.values, atol=1e-12, err_msg=name)
+        assert np.abs(alone.tip_position.values - plain.tip_position.values).max() > 1e-9, name
+    with pytest.raises(InputError, match="unknown batch parameter 'stifness'"):
+        simulate_batch(model, Pulse(3e4), parameters={"stifness": [1.0]}, times=TIMES[:10])
+    with pytest.raises(InputError, match="needs a chain in space"):
+        simulate_batch(model, Pulse(3e4), parameters={"stiffness_ratio": [1.0]}, times=TIMES[:10])

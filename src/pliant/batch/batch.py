@@ -8,10 +8,12 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 import xarray as xr
 
-from pliant.batch.one_by_one import VARIABLES, dimensions, expanded, run_alone, samples_alone, sets_of
-from pliant.batch.samples import Samples, gather, initial_values
+from pliant.batch.one_by_one import VARIABLES, dimensions, expanded, motion_of, run_alone, samples_alone, sets_of
+from pliant.batch.samples import Samples, gather, initial_values, stored
 from pliant.batch.simd import Schedule, run_lanes
+from pliant.batch.space_lanes import fits_lanes, run_in_space
 from pliant.errors import InputError, SimulationError
+from pliant.identification.names import find_path
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
@@ -55,17 +57,20 @@ def simulate_batch(
 ) -> xr.Dataset:
     """Simulate many chains with the same number of links at once. Each sample's motion is that of `simulate`.
 
+    Planar chains with one chamber and chains in space with up to 24 coordinates, without hysteresis or tendons, are
+    simulated in SIMD vectors, others one by one on all cores.
+
     Parameters
     ----------
     models : Model or sequence of Model
         One model for all samples, or one for each.
     pressures : input or sequence of inputs
         Gauge pressure, Pa: one input for all samples, or one for each. For models of several chambers: an input for
-        each chamber, or such a set for each sample. Such models, extensible ones and models in space are simulated one
-        by one on all cores, and only accept parameter names as in a fit.
+        each chamber, or such a set for each sample. Such models, extensible ones and models in space only accept
+        parameter names as in a fit.
     parameters : mapping of arrays (N,) or (N, n)
         Parameter values for one model, by names as in a fit (``stiffness``, ``damping_2``, ``torque_1``, ``mass``,
-        ``valve_rise_time``, ...) or by fields of `Model`; an array (N, n) gives a value for every link.
+        ``creep_share_1``, ...) or by fields of `Model`; an array (N, n) gives a value for every link.
     duration, times
         Duration, or output times (T,) of all samples, s, as in `simulate`.
     time_step : float, optional
@@ -113,12 +118,12 @@ def simulate_batch(
     times = output_times(duration, times, time_step)
     time_step = shared_step((models,) if isinstance(models, Model) else models) if time_step is None else time_step
     sets = sets_of(models, pressures)
-    if one_by_one(models):
+    if one_by_one(models) or not all(map(stored_or_unknown, parameters or ())):
         many_models, sets = samples_alone(models, sets, parameters)
         variables = expanded(variables, dimensions(many_models[0]))
         check_choices(variables, device, failures, dimensions(many_models[0]))
-        results = run_alone(many_models, sets, times, time_step, {**how, "threads": how["threads"] or cores()})
-        results = {k: results[k] for k in (*variables, "failed_at")}
+        how = {**how, "threads": how["threads"] or cores()}
+        results = simulated(many_models, sets, times, time_step, how, variables)
         return labelled(many_models[0], times, results, failures, {"step_s": time_step})
     samples = gather(models, parameters, len(sets))
     many = tuple(inputs_of(samples.template, inputs)[0] for inputs in sets)
@@ -132,6 +137,26 @@ def simulate_batch(
     return labelled(samples.template, times, results, failures, {"step_s": time_step})
 
 
+def simulated(
+    models: Sequence[Model], sets: Sequence[Sequence[Input]], times: Array, time_step: float, how: Mapping[str, Any],
+    variables: Sequence[str],
+) -> dict[str, Array]:
+    """Simulate N samples with inputs of their own, in SIMD vectors or one by one.
+
+    Return arrays (N, T, ...) over T output times by variable name and "failed_at" (N,) [s].
+    """
+    if all(map(fits_lanes, models)):
+        return run_in_space(models, sets, times, time_step, how, {k: shape_of(models[0], k) for k in variables})
+    results = run_alone(models, sets, times, time_step, how)
+    return {k: results[k] for k in (*variables, "failed_at")}
+
+
+def shape_of(model: Model, variable: str) -> tuple[int, ...]:
+    """Return the shape of a result variable at one time."""
+    nothing = motion_of(model, *np.zeros((2, 1, model.size)))
+    return nothing[variable].shape[1:]
+
+
 def one_by_one(models: Model | Sequence[Model]) -> bool:
     """Return whether samples must be simulated one by one and not in SIMD vectors, because a model has several inputs,
     a torque law that is no polynomial, or extensible segments, or is in space.
@@ -139,6 +164,13 @@ def one_by_one(models: Model | Sequence[Model]) -> bool:
     many = (models,) if isinstance(models, Model) else models
     plain = (m.actuation.count == 1 and m.actuation.polynomial and m.space is None for m in many)
     return not all(plain) or any(mechanics_of(m).lengthens for m in many)
+
+
+def stored_or_unknown(name: str) -> bool:
+    """Return whether a batch parameter has an array of `Samples`, or is no name of a fit; other names of fits change
+    models one by one.
+    """
+    return stored(name) or find_path(name) is None
 
 
 def check_choices(variables: Sequence[str], device: str, failures: str, known: Mapping[str, Any] = VARIABLES) -> None:

@@ -70,7 +70,7 @@ class LlvmWriter:
             values = [self.constant(-0.0), *values]
         kinds = [k for k, _ in values] if getattr(kind, "mixes", False) else [kind, kind]
         constants = [self.cast(v, k) for v, k in zip(values, kinds, strict=True)]
-        if kind == types.float64:
+        if kind == types.float64 or getattr(kind, "plain", False):
             return kind, getattr(self.builder, FLOATS[what])(*constants, flags=self.flags)
         done = self.context.get_function(OPERATORS[what], signature(kind, *kinds))
         return kind, done(self.builder, constants)

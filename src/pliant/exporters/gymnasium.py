@@ -18,7 +18,7 @@ from pliant.batch.stepper import BatchStepper, batch_stepper
 from pliant.errors import InputError
 from pliant.exporters.jax_batch import JaxBodies
 from pliant.exporters.randomisation import Fit, draw_models
-from pliant.exporters.targets import CurveOfTargets, SurfaceOfTargets, EpisodeTargets, Tips, highest_inputs
+from pliant.exporters.targets import CurveOfTargets, EpisodeTargets, SurfaceOfTargets, Tips, highest_inputs
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.file import model_of
