@@ -88,7 +88,8 @@ def run_group(task: SpaceBatch, first: int) -> None:
     chains = [mechanics_of(task.models[i]) for i in members]
     steps = shared_steps([plans[i] for i in members.tolist()], task.times.size)
     start = {i: starting_state(task, i, plans[i]) for i in plans}
-    body, joints, work = (lanes_last(records) for records in zip(*(c.parts() for c in chains), strict=True))
+    body, joints = (lanes_last([getattr(c, name) for c in chains]) for name in ("body", "joints"))
+    work = scratch_of(chains[0])
     shape = task.times.size, task.models[first].size, WIDTH
     out = LaneRows(aligned(shape), aligned(shape), np.full(WIDTH, -1))
     march = lane_twin(space_loops.march_in_space, *chains[0].sizes)
@@ -137,10 +138,19 @@ def shared_steps(plans: Sequence[Drive], rows: int) -> LaneSteps:
 
 def stacked(arrays: Sequence[Any]) -> Array:
     """Return W arrays of one shape as one array with the samples last, aligned to SIMD registers."""
-    every = np.stack([np.asarray(a, dtype=float) for a in arrays], axis=-1)
-    out = aligned(every.shape)
-    out[...] = every
+    out = aligned((*np.shape(arrays[0]), len(arrays)))
+    if all(a is arrays[0] for a in arrays):  # of samples that are one model
+        out[...] = np.asarray(arrays[0])[..., None]
+        return out
+    for lane, a in enumerate(arrays):
+        out[..., lane] = a
     return out
+
+
+def scratch_of(chain: Mechanics) -> Any:
+    """Return the scratch arrays of a chain as a record of arrays for W samples, with the samples last."""
+    work = chain.workspace()
+    return type(work)(*(aligned((*a.shape, WIDTH), np.zeros) for a in work))
 
 
 def lanes_last(records: Sequence[Any]) -> Any:
