@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import xarray as xr
 
+from pliant.batch.devices import DEVICES, run_on_device
 from pliant.batch.one_by_one import VARIABLES, dimensions, expanded, motion_of, run_alone, samples_alone, sets_of
 from pliant.batch.samples import Samples, gather, initial_values, stored
 from pliant.batch.simd import Schedule, run_lanes
@@ -84,8 +85,10 @@ def simulate_batch(
         ``joint_angle_x``, ``joint_angle_y`` and, with twist, ``joint_angle_twist``; likewise ``joint_rate``.
     threads : int
         Number of threads; default: one for each core that this process may use. The result does not depend on it.
-    device : {"cpu"}, default "cpu"
-        Batches on a GPU were removed: "gpu" is refused.
+    device : {"cpu", "gpu", "jax"}, default "cpu"
+        With "gpu", the samples are simulated on a GPU by the JAX module of the models (``pliant export --to jax``), in
+        double precision; refused where JAX finds no GPU. With "jax", on whatever device JAX uses. Their results differ
+        from those of "cpu" by rounding.
     failures : {"raise", "mark"}, default "raise"
         If a step of a sample fails: raise an error, or set that sample to NaN and give the time in ``failed_at``.
 
@@ -118,8 +121,8 @@ def simulate_batch(
     times = output_times(duration, times, time_step)
     time_step = shared_step((models,) if isinstance(models, Model) else models) if time_step is None else time_step
     sets = sets_of(models, pressures)
-    if one_by_one(models) or not all(map(stored_or_unknown, parameters or ())):
-        many_models, sets = samples_alone(models, sets, parameters)
+    if taken_alone(models, parameters or ()) or device != "cpu":
+        many_models, sets = samples_of(models, sets, parameters)
         variables = expanded(variables, dimensions(many_models[0]))
         check_choices(variables, device, failures, dimensions(many_models[0]))
         how = {**how, "threads": how["threads"] or cores()}
@@ -141,10 +144,12 @@ def simulated(
     models: Sequence[Model], sets: Sequence[Sequence[Input]], times: Array, time_step: float, how: Mapping[str, Any],
     variables: Sequence[str],
 ) -> dict[str, Array]:
-    """Simulate N samples with inputs of their own, in SIMD vectors or one by one.
+    """Simulate N samples with inputs of their own, in SIMD vectors, one by one or on another device.
 
     Return arrays (N, T, ...) over T output times by variable name and "failed_at" (N,) [s].
     """
+    if how["device"] != "cpu":
+        return run_on_device(models, sets, times, time_step, how, variables)
     if all(map(fits_lanes, models)):
         return run_in_space(models, sets, times, time_step, how, {k: shape_of(models[0], k) for k in variables})
     results = run_alone(models, sets, times, time_step, how)
@@ -166,11 +171,22 @@ def one_by_one(models: Model | Sequence[Model]) -> bool:
     return not all(plain) or any(mechanics_of(m).lengthens for m in many)
 
 
-def stored_or_unknown(name: str) -> bool:
-    """Return whether a batch parameter has an array of `Samples`, or is no name of a fit; other names of fits change
-    models one by one.
+def taken_alone(models: Model | Sequence[Model], names: Iterable[str]) -> bool:
+    """Return whether the samples of a batch are models of their own: because of the models, or because one of the
+    parameters `names` is one of a fit but has no array in `Samples`.
     """
-    return stored(name) or find_path(name) is None
+    return one_by_one(models) or any(find_path(name) and not stored(name) for name in names)
+
+
+def samples_of(
+    models: Model | Sequence[Model], sets: list[Sequence[Input]], parameters: Mapping[str, Any] | None,
+) -> tuple[list[Model], list[Sequence[Input]]]:
+    """Return model and inputs of each sample, from the arguments of `simulate_batch`."""
+    if taken_alone(models, parameters or ()):
+        return samples_alone(models, sets, parameters)
+    samples = gather(models, parameters, len(sets))
+    every = [samples.model(i) for i in range(samples.size)] if parameters else [samples.template] * samples.size
+    return samples_alone(every if isinstance(models, Model) else models, sets, None)
 
 
 def check_choices(variables: Sequence[str], device: str, failures: str, known: Mapping[str, Any] = VARIABLES) -> None:
@@ -179,11 +195,8 @@ def check_choices(variables: Sequence[str], device: str, failures: str, known: M
         raise InputError(f"unknown variable {unknown[0]!r}: a batch of these models can keep {', '.join(known)}")
     if failures not in ("raise", "mark"):
         raise InputError(f"failures must be 'raise' or 'mark', got {failures!r}")
-    if device == "gpu":
-        raise InputError("batches on a GPU were removed from pliant: use device='cpu', which runs on all cores, a "
-                         "sweep on a cluster, or a JAX module of the model (pliant export MODEL --to jax -o arm.py)")
-    if device != "cpu":
-        raise InputError(f"device must be 'cpu', got {device!r}")
+    if device not in ("cpu", *DEVICES):
+        raise InputError(f"device must be one of cpu, {', '.join(DEVICES)}, got {device!r}")
 
 
 def check_steps(samples: Samples, time_step: float) -> None:
