@@ -58,8 +58,8 @@ class EpisodeTargets(Protocol):
         """Return the points (M, d) [m] at the addresses (M, width), where targets rest."""
 
     def moved(self, address: Array, turn: Array) -> Array:
-        """Return the points (M, d) [m] of targets that started at `address` (M, width), after they have moved to and
-        fro `turn` / (2 pi) times, with `turn` (M,) [rad].
+        """Return the points (M, d) [m] of targets that started at `address` (M, width), after `turn` / (2 pi) rounds of
+        their motion, with `turn` (M,) [rad].
         """
 
 
