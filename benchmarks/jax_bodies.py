@@ -23,6 +23,7 @@ import numpy as np
 
 import pliant
 from pliant.actuators import chen2018
+from pliant.exporters.jax_batch import rest_states
 from pliant.model import Chamber, Memory, Model, Space
 
 STEP = 1e-3  # s
@@ -53,12 +54,13 @@ def exported(model: Model) -> ModuleType:
         return arm
 
 
-def run(arm: Any, bodies: int, steps: int, kind: Any, device: Any) -> tuple[float, float, Any, int]:
+def run(model: Model, arm: Any, bodies: int, steps: int, kind: Any, device: Any) -> tuple[float, float, Any, int]:
     """Return the seconds of compiling and of one run, the last coordinates, and the bytes of all states."""
     with jax.default_device(device):
         parameters = jax.tree_util.tree_map(lambda a: jnp.asarray(a, kind), arm.parameters)
         count = len(arm.inputs)
-        start = arm.rest(parameters, jnp.zeros(count, kind))
+        rest = arm.BodyState(*(part[0] for part in rest_states([model])))
+        start = jax.tree_util.tree_map(lambda a: jnp.asarray(a, kind), rest)
         states = jax.tree_util.tree_map(lambda a: jnp.broadcast_to(a, (bodies, *a.shape)), start)
         levels = jnp.asarray(np.random.default_rng(0).uniform(0.0, 6e4, (bodies, count)), kind)
 
@@ -91,12 +93,12 @@ def main(given: argparse.Namespace) -> None:
         for bits in given.float:
             kind = jnp.float32 if bits == 32 else jnp.float64
             for bodies in given.bodies:
-                compiling, took, position, size = run(arm, bodies, given.steps, kind, device)
+                compiling, took, position, size = run(model, arm, bodies, given.steps, kind, device)
                 rate = bodies * given.steps / took
                 share = f"{2 * size * given.steps / took / given.bandwidth:.2%}" if given.bandwidth else "-"
                 off = "-"
                 if device.platform != "cpu" and bodies == min(given.bodies):
-                    *_, same, _ = run(arm, bodies, given.steps, kind, cpu)
+                    *_, same, _ = run(model, arm, bodies, given.steps, kind, cpu)
                     off = f"{np.abs(position - same).max():.1e}"
                 numbers = f"{bits:5d}  {bodies:7d}  {compiling:9.1f}  {rate:8.3g}  {share:>12s}  {off}"
                 print(f"{name:8s}  {numbers}", flush=True)

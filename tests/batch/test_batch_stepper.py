@@ -27,9 +27,9 @@ def test_every_lane_is_a_stepper():
         assert not batch.hold(pressure, 20).any()
         for stepper, p in zip(alone, pressure, strict=True):
             stepper.step(float(p[0]), 20)
-    assert batch.angle == pytest.approx(np.array([s.angle for s in alone]), abs=1e-13)
-    assert batch.rate == pytest.approx(np.array([s.rate for s in alone]), abs=1e-11)
-    assert np.abs(batch.angle).max() > 0.1
+    assert batch.position == pytest.approx(np.array([s.angle for s in alone]), abs=1e-13)
+    assert batch.velocity == pytest.approx(np.array([s.rate for s in alone]), abs=1e-11)
+    assert np.abs(batch.position).max() > 0.1
 
 
 def test_two_chambers():
@@ -41,8 +41,8 @@ def test_two_chambers():
     batch, alone = batch_stepper([model], 3, 1e-3), Stepper(model, 1e-3, np.zeros(2))
     batch.hold(np.array([[0.0, 0.0], [8e4, 3e4], [1e4, 0.0]]), 50)
     alone.step(np.array([8e4, 3e4]), 50)
-    assert batch.angle[1] == pytest.approx(alone.angle, abs=1e-13)
-    assert not np.any(batch.angle[0])
+    assert batch.position[1] == pytest.approx(alone.angle, abs=1e-13)
+    assert not np.any(batch.position[0])
 
 
 def test_what_no_batch_is_refused():
@@ -68,13 +68,13 @@ def test_chains_that_remember_are_steppers_of_their_own():
         assert batch.hold(pressure, 15).tolist() == [False] * 3
     for stepper, p in zip(alone, pressure, strict=True):
         stepper.step(float(p[0]), 30)
-    np.testing.assert_array_equal(batch.angle, [s.angle for s in alone])
-    np.testing.assert_array_equal(batch.rate, [s.rate for s in alone])
+    np.testing.assert_array_equal(batch.position, [s.angle for s in alone])
+    np.testing.assert_array_equal(batch.velocity, [s.rate for s in alone])
     batch.reset(np.array([0, 1, 2]), np.array([0, 0, 1]))  # as the body that it was, as another one
-    assert np.abs(batch.angle).max() == np.abs(batch.rate).max() == 0.0
+    assert np.abs(batch.position).max() == np.abs(batch.velocity).max() == 0.0
     batch.hold(np.full((3, 1), 3e4), 10)
-    np.testing.assert_array_equal(batch.angle[0], batch.angle[1])
-    assert abs(batch.angle[2, -1]) < abs(batch.angle[0, -1])
+    np.testing.assert_array_equal(batch.position[0], batch.position[1])
+    assert abs(batch.position[2, -1]) < abs(batch.position[0, -1])
 
 
 @pytest.mark.parametrize("memory", [Memory(), Memory(slip_share=(0.3,), slip_angle=(0.02,))], ids=["none", "slip"])
@@ -87,4 +87,4 @@ def test_a_chain_that_fails_is_told_and_goes_on_after_a_reset(memory):
     assert failed.tolist() == [False, True]
     batch.reset(np.array([1]), np.array([0]))
     assert not batch.hold(np.array([[1e4], [1e4]]), 20).any()
-    assert np.isfinite(batch.angle).all()
+    assert np.isfinite(batch.position).all()

@@ -92,8 +92,8 @@ def test_slow_states_go_on_under_a_pressure_that_is_held(slow):
         batch.hold(np.full((WIDTH + 1, 1), 6e4), 40)
         alone.step(6e4, 40)
     for k in (2, WIDTH):
-        np.testing.assert_allclose(batch.angle[k], alone.angle, atol=1e-13)
-    assert abs(batch.angle[2, -1] - batch.angle[3, -1]) > 1e-3
+        np.testing.assert_allclose(batch.position[k], alone.angle, atol=1e-13)
+    assert abs(batch.position[2, -1] - batch.position[3, -1]) > 1e-3
 
 
 def test_one_of_two_chambers_may_be_slow():
@@ -106,7 +106,7 @@ def test_one_of_two_chambers_may_be_slow():
         batch, alone = batch_stepper([model], 1, 1e-3), Stepper(model, 1e-3, np.zeros(2))
         batch.hold(np.array([[6e4, 4e4]]), 60)
         alone.step(np.array([6e4, 4e4]), 60)
-        np.testing.assert_allclose(batch.angle[0], alone.angle, atol=1e-13)
+        np.testing.assert_allclose(batch.position[0], alone.angle, atol=1e-13)
 
 
 def test_every_chain_of_a_stepper_needs_its_pressure(paper):

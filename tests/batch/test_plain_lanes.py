@@ -77,8 +77,8 @@ def test_held_chains_in_plain_text_are_steppers(uncompiled):
     for k, model in enumerate(models):
         alone = Stepper(model, 1e-3)
         alone.step(float(pressure[k, 0]), 5)
-        np.testing.assert_allclose(batch.angle[k], alone.angle, rtol=1e-10, atol=1e-12)
-        np.testing.assert_allclose(batch.rate[k], alone.rate, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(batch.position[k], alone.angle, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(batch.velocity[k], alone.rate, rtol=1e-9, atol=1e-11)
 
 
 def test_sound_chains_turn_by_less_than_a_radian_and_have_springs_that_hold(uncompiled):

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "jax"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
-def printed(name, *options):
+def printed(name, *options, folder="jax"):
     """The numbers that an example prints in its first line."""
     pytest.importorskip("jax", reason="jax is not installed: pip install -e '.[jax]'")
-    command = [sys.executable, str(EXAMPLES / f"{name}.py"), *options]
+    command = [sys.executable, str(EXAMPLES / folder / f"{name}.py"), *options]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return ast.literal_eval(done.stdout.splitlines()[0])
@@ -38,6 +38,15 @@ def test_a_pressure_trace_within_its_limits():
 
 @pytest.mark.slow
 def test_a_policy_for_arms_that_it_has_not_seen():
+    pytest.importorskip("osqp", reason="OSQP is not installed: pip install -e '.[mpc]'")
     found = printed("policy", "--rounds", "15", "--arms", "8")
     assert found["parameters"] > 1e4
     assert found["rms_after_mm"] < 0.7 * found["rms_mm"]
+    assert 0.1 < found["rms_mpc_mm"] < 2.0, "arms that differ from the mean one"
+
+
+@pytest.mark.slow
+def test_a_policy_that_reaches_in_space():
+    pytest.importorskip("gymnasium", reason="Gymnasium is not installed: pip install 'pliant[gym]'")
+    found = printed("reach_in_space", "--rounds", "8", "--policies", "32", folder="learning")
+    assert found["distance_after"] < 0.8 * found["distance"]

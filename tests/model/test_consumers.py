@@ -220,7 +220,7 @@ def test_solvers_and_steppers_follow_the_march(key):
     if carried_or_refused(BATCH_STEPPER, key, lambda: batch_stepper([model], 2, step)):
         chains = quiet(lambda: batch_stepper([model], 2, step))
         assert not chains.hold(np.stack([p, p]), 100).any()
-        np.testing.assert_allclose(chains.angle[1], stepper.angle, atol=1e-9)
+        np.testing.assert_allclose(chains.position[1], stepper.position, atol=1e-9)
 
 
 def missing_for(can, model) -> tuple[str, ...]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import xarray as xr
 
-from pliant.batch.one_by_one import VARIABLES, dimensions, expanded, run_alone, samples_alone, sets_of
-from pliant.batch.samples import Samples, gather, initial_values
+from pliant.batch.devices import DEVICES, run_on_device
+from pliant.batch.one_by_one import VARIABLES, dimensions, expanded, motion_of, run_alone, samples_alone, sets_of
+from pliant.batch.samples import Samples, gather, initial_values, stored
 from pliant.batch.simd import Schedule, run_lanes
+from pliant.batch.space_lanes import fits_lanes, run_in_space
 from pliant.errors import InputError, SimulationError
+from pliant.identification.names import find_path
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
@@ -55,17 +58,20 @@ def simulate_batch(
 ) -> xr.Dataset:
     """Simulate many chains with the same number of links at once. Each sample's motion is that of `simulate`.
 
+    Planar chains with one chamber and chains in space with up to 24 coordinates, without hysteresis or tendons, are
+    simulated in SIMD vectors, others one by one on all cores.
+
     Parameters
     ----------
     models : Model or sequence of Model
         One model for all samples, or one for each.
     pressures : input or sequence of inputs
         Gauge pressure, Pa: one input for all samples, or one for each. For models of several chambers: an input for
-        each chamber, or such a set for each sample. Such models, extensible ones and models in space are simulated one
-        by one on all cores, and only accept parameter names as in a fit.
+        each chamber, or such a set for each sample. Such models, extensible ones and models in space only accept
+        parameter names as in a fit.
     parameters : mapping of arrays (N,) or (N, n)
         Parameter values for one model, by names as in a fit (``stiffness``, ``damping_2``, ``torque_1``, ``mass``,
-        ``valve_rise_time``, ...) or by fields of `Model`; an array (N, n) gives a value for every link.
+        ``creep_share_1``, ...) or by fields of `Model`; an array (N, n) gives a value for every link.
     duration, times
         Duration, or output times (T,) of all samples, s, as in `simulate`.
     time_step : float, optional
@@ -79,8 +85,10 @@ def simulate_batch(
         ``joint_angle_x``, ``joint_angle_y`` and, with twist, ``joint_angle_twist``; likewise ``joint_rate``.
     threads : int
         Number of threads; default: one for each core that this process may use. The result does not depend on it.
-    device : {"cpu"}, default "cpu"
-        Batches on a GPU were removed: "gpu" is refused.
+    device : {"cpu", "gpu", "jax"}, default "cpu"
+        With "gpu", the samples are simulated on a GPU by the JAX module of the models (``pliant export --to jax``), in
+        double precision; refused where JAX finds no GPU. With "jax", on whatever device JAX uses. Their results differ
+        from those of "cpu" by rounding.
     failures : {"raise", "mark"}, default "raise"
         If a step of a sample fails: raise an error, or set that sample to NaN and give the time in ``failed_at``.
 
@@ -113,12 +121,12 @@ def simulate_batch(
     times = output_times(duration, times, time_step)
     time_step = shared_step((models,) if isinstance(models, Model) else models) if time_step is None else time_step
     sets = sets_of(models, pressures)
-    if one_by_one(models):
-        many_models, sets = samples_alone(models, sets, parameters)
+    if taken_alone(models, parameters or ()) or device != "cpu":
+        many_models, sets = samples_of(models, sets, parameters)
         variables = expanded(variables, dimensions(many_models[0]))
         check_choices(variables, device, failures, dimensions(many_models[0]))
-        results = run_alone(many_models, sets, times, time_step, {**how, "threads": how["threads"] or cores()})
-        results = {k: results[k] for k in (*variables, "failed_at")}
+        how = {**how, "threads": how["threads"] or cores()}
+        results = simulated(many_models, sets, times, time_step, how, variables)
         return labelled(many_models[0], times, results, failures, {"step_s": time_step})
     samples = gather(models, parameters, len(sets))
     many = tuple(inputs_of(samples.template, inputs)[0] for inputs in sets)
@@ -132,6 +140,28 @@ def simulate_batch(
     return labelled(samples.template, times, results, failures, {"step_s": time_step})
 
 
+def simulated(
+    models: Sequence[Model], sets: Sequence[Sequence[Input]], times: Array, time_step: float, how: Mapping[str, Any],
+    variables: Sequence[str],
+) -> dict[str, Array]:
+    """Simulate N samples with inputs of their own, in SIMD vectors, one by one or on another device.
+
+    Return arrays (N, T, ...) over T output times by variable name and "failed_at" (N,) [s].
+    """
+    if how["device"] != "cpu":
+        return run_on_device(models, sets, times, time_step, how, variables)
+    if all(map(fits_lanes, models)):
+        return run_in_space(models, sets, times, time_step, how, {k: shape_of(models[0], k) for k in variables})
+    results = run_alone(models, sets, times, time_step, how)
+    return {k: results[k] for k in (*variables, "failed_at")}
+
+
+def shape_of(model: Model, variable: str) -> tuple[int, ...]:
+    """Return the shape of a result variable at one time."""
+    nothing = motion_of(model, *np.zeros((2, 1, model.size)))
+    return nothing[variable].shape[1:]
+
+
 def one_by_one(models: Model | Sequence[Model]) -> bool:
     """Return whether samples must be simulated one by one and not in SIMD vectors, because a model has several inputs,
     a torque law that is no polynomial, or extensible segments, or is in space.
@@ -141,17 +171,32 @@ def one_by_one(models: Model | Sequence[Model]) -> bool:
     return not all(plain) or any(mechanics_of(m).lengthens for m in many)
 
 
+def taken_alone(models: Model | Sequence[Model], names: Iterable[str]) -> bool:
+    """Return whether the samples of a batch are models of their own: because of the models, or because one of the
+    parameters `names` is one of a fit but has no array in `Samples`.
+    """
+    return one_by_one(models) or any(find_path(name) and not stored(name) for name in names)
+
+
+def samples_of(
+    models: Model | Sequence[Model], sets: list[Sequence[Input]], parameters: Mapping[str, Any] | None,
+) -> tuple[list[Model], list[Sequence[Input]]]:
+    """Return model and inputs of each sample, from the arguments of `simulate_batch`."""
+    if taken_alone(models, parameters or ()):
+        return samples_alone(models, sets, parameters)
+    samples = gather(models, parameters, len(sets))
+    every = [samples.model(i) for i in range(samples.size)] if parameters else [samples.template] * samples.size
+    return samples_alone(every if isinstance(models, Model) else models, sets, None)
+
+
 def check_choices(variables: Sequence[str], device: str, failures: str, known: Mapping[str, Any] = VARIABLES) -> None:
     """Raise InputError for unknown variables, an unknown device, or an unknown treatment of failures."""
     if unknown := [v for v in variables if v not in known]:
         raise InputError(f"unknown variable {unknown[0]!r}: a batch of these models can keep {', '.join(known)}")
     if failures not in ("raise", "mark"):
         raise InputError(f"failures must be 'raise' or 'mark', got {failures!r}")
-    if device == "gpu":
-        raise InputError("batches on a GPU were removed from pliant: use device='cpu', which runs on all cores, a "
-                         "sweep on a cluster, or a JAX module of the model (pliant export MODEL --to jax -o arm.py)")
-    if device != "cpu":
-        raise InputError(f"device must be 'cpu', got {device!r}")
+    if device not in ("cpu", *DEVICES):
+        raise InputError(f"device must be one of cpu, {', '.join(DEVICES)}, got {device!r}")
 
 
 def check_steps(samples: Samples, time_step: float) -> None:

@@ -99,7 +99,9 @@ def samples_alone(
         size = max([len(v) for v in arrays.values()], default=len(sets))
         if any(len(v) != size for v in arrays.values()):
             raise InputError("all parameters of a batch need the same number of samples: use arrays of equal length")
-        sample_models = [apply(models, {k: float(v[i]) for k, v in arrays.items()}) for i in range(size)]
+        sample_models = [models] * size
+        if arrays:
+            sample_models = [apply(models, {k: float(v[i]) for k, v in arrays.items()}) for i in range(size)]
     elif parameters:
         raise InputError("give a list of models, or one model with parameters, not both")
     else:

@@ -177,6 +177,14 @@ def own_value(model: Model, name: str) -> Any:
     return getattr(model.chamber if name in RUBBER else model, name)
 
 
+def stored(name: str) -> bool:
+    """Return whether `put` has an array for a parameter: one of the links, the springs, the torque law or the valve."""
+    path = find_path(name)
+    if path and not path.owner and ((path.of_one_joint and path.field in PER_LINK) or path.quantity.per == "power"):
+        return True
+    return name in ("mass", "gain", "gravity", "torque") or name in LAG or name in (*PER_LINK, *SCALARS)
+
+
 def put(values: dict[str, Array], valves: dict[str, Array], name: str, given: Array) -> None:
     """Store the values of one parameter, (N,) for N samples or (N, n) for the n links of each, in the dict `values` or,
     if it is one of the valve, in `valves`.

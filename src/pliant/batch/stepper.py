@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import attrgetter
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,17 +17,7 @@ from pliant.compiler.width import WIDTH
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.features import (
-    FIRST_ORDER,
-    HYSTERESIS,
-    IN_SPACE,
-    LAWS,
-    LENGTHENS,
-    SPRINGS,
-    TENDONS,
-    WALLS,
-    Consumer,
-)
+from pliant.model.features import Consumer
 from pliant.simulation import Stepper, state
 from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.solve import check_step
@@ -34,31 +26,56 @@ from pliant.simulation.stepper import STEPPER
 Array = np.ndarray
 
 
-BATCH_STEPPER = Consumer(
-    "a batch that is simulated step by step", SPRINGS | LAWS | WALLS | FIRST_ORDER | HYSTERESIS,
-    remedy=dict(STEPPER.remedy) | dict.fromkeys(LENGTHENS | IN_SPACE | TENDONS, "use a Stepper for each body"),
-)  # fmt: skip
+BATCH_STEPPER = Consumer("a batch that is simulated step by step", STEPPER.can, remedy=STEPPER.remedy)
+SHAPE: dict[str, Callable[[Model], Any]] = {
+    "the number of their coordinates": attrgetter("size"), "the space they move in": lambda m: m.space is None,
+}
 
 
-def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> OnLanes | OneByOne:
+class BatchStepper(Protocol):
+    """Step-by-step simulator of `size` chains, which keep their states between the calls."""
+
+    size: int
+
+    @property
+    def position(self) -> Array:
+        """Coordinates (size, N) of the chains, as those of `Stepper.position`."""
+
+    @property
+    def velocity(self) -> Array:
+        """Rates (size, N) of the coordinates."""
+
+    def reset(self, which: Array, bodies: Array) -> None:
+        """Restart the chains with the indices `which` (M,) at rest without pressure, as the models with the indices
+        `bodies` (M,).
+        """
+
+    def hold(self, pressure: Array, steps: int) -> Array:
+        """Advance all chains by `steps` time steps under constant inputs (size, C). Return for each chain whether it
+        failed, as booleans (size,).
+        """
+
+
+def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> BatchStepper:
     """Return a step-by-step simulator of `size` chains, all of which start with the first of `models`.
 
     Raises
     ------
     InputError
-        When the models differ in kind, one is in space or lengthens, the `time_step` [s] is too long for one, or
-        `Stepper` does not support a valve.
+        When the models differ in kind, the `time_step` [s] is too long for one, or `Stepper` does not support a valve.
     """
     for model in models:
         BATCH_STEPPER.check(model)
     first = models[0]
     Stepper(first, time_step, np.zeros(first.actuation.count))  # a step that it refuses is refused
-    check_alike(models, {k: of for k, of in ALIKE.items() if k != "memory" or not all(m.memory for m in models)})
+    alike = {k: of for k, of in ALIKE.items() if k != "memory" or not all(m.memory for m in models)}
+    check_alike(models, alike | SHAPE)
     if len({m.actuation.count for m in models}) > 1:
         raise InputError("the models of a batch must have equally many chambers: simulate others in a separate batch")
     for model in models[1:]:
         check_step(model, time_step, "midpoint")
-    return OneByOne(models, size, time_step) if first.memory else OnLanes(models, size, time_step)
+    plain = all(not m.memory and m.space is None and not m.extensions for m in models)
+    return OnLanes(models, size, time_step) if plain else OneByOne(models, size, time_step)
 
 
 def check_commands(pressure: Array, shape: tuple[int, int]) -> None:
@@ -96,12 +113,12 @@ class OnLanes:
         self.reset(every, np.zeros_like(every))
 
     @property
-    def angle(self) -> Array:
+    def position(self) -> Array:
         """Return the absolute angles (N, n) [rad] of the n links of N chains."""
         return np.moveaxis(self._state[:, 0], -1, 1).reshape(-1, self.links)[: self.size]
 
     @property
-    def rate(self) -> Array:
+    def velocity(self) -> Array:
         """Return the rates (N, n) [rad/s] of the absolute angles of the n links of N chains."""
         return np.moveaxis(self._state[:, 1], -1, 1).reshape(-1, self.links)[: self.size]
 
@@ -153,9 +170,12 @@ def pool_of(models: Sequence[Model]) -> dict[str, Array]:
 
 
 class OneByOne:
-    """Step-by-step simulator of many chains with hysteresis, each simulated by a `Stepper` of its own."""
+    """Step-by-step simulator of many chains that share no SIMD vector, each simulated by a `Stepper` of its own: with
+    hysteresis, segments that lengthen or tendons, or in space.
+    """
 
     def __init__(self, models: Sequence[Model], size: int, time_step: float) -> None:
+        self.size = size
         self._models, self._time_step = models, time_step
         self._time_steppers = [self._new(0) for _ in range(size)]
 
@@ -164,14 +184,14 @@ class OneByOne:
         return Stepper(model, self._time_step, np.zeros(model.actuation.count))
 
     @property
-    def angle(self) -> Array:
-        """Return the absolute angles (N, n) [rad] of the n links of N chains."""
-        return np.stack([s.angle for s in self._time_steppers])
+    def position(self) -> Array:
+        """Return the coordinates (size, N) of the chains: angles [rad], then strains."""
+        return np.stack([s.position for s in self._time_steppers])
 
     @property
-    def rate(self) -> Array:
-        """Return the rates (N, n) [rad/s] of the absolute angles of the n links of N chains."""
-        return np.stack([s.rate for s in self._time_steppers])
+    def velocity(self) -> Array:
+        """Return the rates (size, N) of the coordinates."""
+        return np.stack([s.velocity for s in self._time_steppers])
 
     def reset(self, which: Array, bodies: Array) -> None:
         """Restart M of the chains at rest without pressure. The chain with index which[k] receives the model with index

@@ -14,11 +14,13 @@ if TYPE_CHECKING:
     from pliant.study import Study
     from pliant.sweep.spec import Sweep
 
+WHERE = "local, processes, tcp://host:port of a Dask scheduler; gpu: in JAX on a GPU; jax: on the device of JAX."
+
 
 def sweep(
     study: Annotated[Path, typer.Argument(help="Study with a [sweep] table; with --model, [sweep] alone is enough.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for samples; continues a stopped sweep.")],
-    scheduler: Annotated[str, typer.Option(help="local, processes, or tcp://host:port of a Dask scheduler.")] = "local",
+    where: Annotated[str, typer.Option("--scheduler", "--device", help=WHERE)] = "local",
     *,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
     model: Annotated[Path | None, typer.Option(help="Model file to use instead of the study's body.")] = None,
@@ -32,6 +34,7 @@ def sweep(
 
     Example: pliant sweep sweep.toml --model results/arm/model.json -o results/sweep --figure spread.png
     """
+    from pliant.batch.devices import DEVICES
     from pliant.cli.output import aligned, write_figure
     from pliant.cli.terminal import busy, counting, mention
     from pliant.sweep.sweep import run_sweep
@@ -39,8 +42,9 @@ def sweep(
     with busy("preparing the model"):
         wanted, body, extra = prepare(study, model, seed)
     with counting("samples") as count:
+        device, scheduler = (where, "local") if where in ("cpu", *DEVICES) else ("cpu", where)
         result = run_sweep(wanted, body, output, scheduler=scheduler, workers=workers, progress=mention, count=count,
-                           **extra)
+                           device=device, **extra)
     if figure is not None:
         from pliant.validation.use_figures import sweep_figure
 

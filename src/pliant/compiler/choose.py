@@ -121,11 +121,13 @@ def free_twin(
     return ready(kernel, "_free", "float", links, segments, turns, tendons, axial)
 
 
-def lane_twin(kernel: Any, links: int) -> Any:
-    """Return a kernel compiled for SIMD vectors, which advances `WIDTH` planar chains at once and releases Python's
-    global lock.
+def lane_twin(
+    kernel: Any, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+) -> Any:
+    """Return a kernel compiled for SIMD vectors, which advances `WIDTH` chains at once and releases Python's global
+    lock. The sizes are those of `twin`.
     """
-    return ready(kernel, "_lanes", "vector", links)
+    return ready(kernel, "_lanes", "vector", links, segments, turns, tendons, axial)
 
 
 @cache

@@ -176,17 +176,47 @@ def as_lanes(_context: Any, array: Any) -> Any:
     result = types.Array(vector, array.ndim - 1, "C")
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        source = context.make_array(array)(context, builder, args[0])
-        wide = context.make_array(result)(context, builder)
-        shape, strides = (cgutils.unpack_tuple(builder, part)[:-1] for part in (source.shape, source.strides))
-        populate_array(
-            wide, data=builder.bitcast(source.data, wide.data.type), shape=cgutils.pack_array(builder, shape),
-            strides=cgutils.pack_array(builder, strides), itemsize=context.get_constant(types.intp, _ALIGN),
-            meminfo=source.meminfo, parent=source.parent,
-        )
-        return impl_ret_borrowed(context, builder, result, wide._getvalue())  # noqa: SLF001  Numba's own way
+        wide = _array_of_vectors(context, builder, array, result, args[0])
+        return impl_ret_borrowed(context, builder, result, wide)
 
     return result(array), generate
+
+
+def _array_of_vectors(context: Any, builder: Any, array: Any, result: Any, value: Any) -> Any:
+    """Return a float array (..., WIDTH) as an array (...) of vectors of the Numba type `result`."""
+    source = context.make_array(array)(context, builder, value)
+    wide = context.make_array(result)(context, builder)
+    shape, strides = (cgutils.unpack_tuple(builder, part)[:-1] for part in (source.shape, source.strides))
+    populate_array(
+        wide, data=builder.bitcast(source.data, wide.data.type), shape=cgutils.pack_array(builder, shape),
+        strides=cgutils.pack_array(builder, strides), itemsize=context.get_constant(types.intp, _ALIGN),
+        meminfo=source.meminfo, parent=source.parent,
+    )
+    return wide._getvalue()  # noqa: SLF001  Numba's own way
+
+
+@intrinsic
+def lanes_of(_context: Any, record: Any) -> Any:
+    """Return a record of float arrays (..., WIDTH) as the same record of arrays (...) of SIMD vectors that share their
+    memory. An array (WIDTH,) becomes one vector, read when the record is made.
+    """
+    if not isinstance(record, types.NamedTuple):
+        return None
+    kinds = [types.Array(vector, a.ndim - 1, "C") if a.ndim > 1 else vector for a in record.types]
+    result = types.NamedTuple(kinds, record.instance_class)
+
+    def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        parts = []
+        for k, (array, kind) in enumerate(zip(record.types, kinds, strict=True)):
+            value = builder.extract_value(args[0], k)
+            if kind is vector:
+                data = context.make_array(array)(context, builder, value).data
+                parts.append(builder.load(builder.bitcast(data, _DOUBLES.as_pointer()), align=_ALIGN))
+            else:
+                parts.append(_array_of_vectors(context, builder, array, kind, value))
+        return impl_ret_borrowed(context, builder, result, context.make_tuple(builder, result, parts))
+
+    return result(record), generate
 
 
 def aligned(shape: tuple[int, ...], made: Callable[[int], np.ndarray] = np.empty) -> np.ndarray:

@@ -217,19 +217,40 @@ def follows(x, v, h, joints):
     Further conditions are that no joint swings by more than 4 rad and that no segment is compressed to below 5 % of its
     length. Only real parts are compared.
     """
-    n = len(joints.unloaded)
     for i in range(len(x)):
         if not abs((v[i] * h).real) <= 1.0:
             return False
-    for i in range(0, 2 * n, 2):
-        m, _ = swing_size(i, joints, x[i], x[i + 1])
+    for i in range(0, 2 * len(joints.unloaded), 2):
         size = (x[i] * x[i] + x[i + 1] * x[i + 1]).real
-        if not (size <= MOST_SWING and spring_slope(i, joints, m).real > 0.0):
+        if not (size <= MOST_SWING and slope_at(i, joints, x).real > 0.0):
             return False
-    for i in range(2 * n, joints.hardening.shape[1]):
-        if not spring_slope(i, joints, x[i]).real > 0.0:
+    for i in range(2 * len(joints.unloaded), nonlinear_springs(joints)):
+        if not slope_at(i, joints, x).real > 0.0:
             return False
-    for i in range(joints.hardening.shape[1] - joints.tied.shape[1], len(x)):
+    for i in range(first_strain(joints), len(x)):
         if not x[i].real > LEAST_STRETCH - 1.0:
             return False
     return True
+
+
+def slope_at(i, joints, x):
+    """Return the slope [N m/rad] of the nonlinear spring of coordinate i at the coordinates x (N,).
+
+    Coordinate i is the first angle of a swing, a twist or a strain.
+    """
+    if i < 2 * len(joints.unloaded):
+        m, _ = swing_size(i, joints, x[i], x[i + 1])
+        return spring_slope(i, joints, m)
+    return spring_slope(i, joints, x[i])
+
+
+def first_strain(joints):
+    """Return the index of the first strain among the coordinates, which follows the angles."""
+    return joints.hardening.shape[1] - joints.tied.shape[1]
+
+
+def nonlinear_springs(joints):
+    """Return the number of coordinates that have a column in `joints.hardening`: the angles, then strains if one has a
+    nonlinear spring.
+    """
+    return joints.hardening.shape[1]

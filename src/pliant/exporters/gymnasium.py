@@ -1,27 +1,27 @@
 """Gymnasium environments for learning to control the tip of a model: ``pliant/Reach-v0`` and ``pliant/Track-v0``.
 
-Importing this module registers them. A model is a `Model` or a model file. If its fit is given, every episode uses
-another body, drawn from the fit's covariance. ``gymnasium.make_vec`` constructs one batch of the requested number of
-bodies, which are simulated together by SIMD instructions; Python handles whole arrays.
+Importing this module registers them. A model is a `Model` or a model file, in the plane or in space. If its fit is
+given, every episode uses another body, drawn from the fit's covariance. ``gymnasium.make_vec`` constructs one batch of
+the requested number of bodies, which are simulated together, by SIMD instructions or in JAX; Python handles whole
+arrays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.batch.stepper import batch_stepper
-from pliant.errors import InputError, SimulationError
+from pliant.batch.stepper import BatchStepper, batch_stepper
+from pliant.errors import InputError
+from pliant.exporters.jax_batch import JaxBodies
 from pliant.exporters.randomisation import Fit, draw_models
+from pliant.exporters.targets import CurveOfTargets, EpisodeTargets, SurfaceOfTargets, Tips, highest_inputs
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.file import model_of
-from pliant.model.space import require_planar
-from pliant.simulation import state
-from pliant.simulation.state import first_alone, typical_pressure
 from pliant.testbed.fibre import FibreSensor
 
 POINTS = 24  # points per link at which the bias is integrated
@@ -86,6 +86,7 @@ except ImportError:
 
 Array = np.ndarray
 LOST = -10.0  # reward if the simulation becomes unstable
+ENGINES: dict[str, Callable[[Sequence[Model], int, float], BatchStepper]] = {"pliant": batch_stepper, "jax": JaxBodies}
 
 
 class EpisodeTask(NamedTuple):
@@ -97,32 +98,38 @@ class EpisodeTask(NamedTuple):
     frequency: float = 0.5  # Hz, of the moving target
     observe: str = "perfect"  # or "fibre": joint angles measured by a shape-sensing fibre
     bodies: int = 64  # number of bodies drawn from the fit at a seed; each episode uses one
+    engine: str = "pliant"  # or "jax": the exported JAX module, on the device that JAX uses
 
 
 class TipVectorEnv(VectorEnv[Array, Array, Array]):
-    """Vectorised Gymnasium environment in which pressures move the tips of N planar actuators to their targets.
+    """Vectorised Gymnasium environment in which pressures move the tips of N actuators to their targets, in the plane
+    or in space.
 
-    Actions: pressures of the chambers (N, C), scaled so that -1 is 0 Pa and 1 is `highest`. Observations (N, 2 n + 4 +
-    C): joint angles relative to the rest angles (n) [rad], their rates times the period (n), tip and target (2 each)
-    divided by the body's length, commanded pressures (C) divided by `highest`. Reward: minus the distance of the tip
-    from its target divided by the body's length. An episode ends early with the reward -10 if the simulation becomes
-    unstable. An environment that is done is reset at the next step, whose action and reward have no effect (Gymnasium's
-    ``NEXT_STEP``).
+    Actions: inputs (N, C), pressures of chambers or inputs of tendons, scaled so that -1 is 0 and 1 is `highest`.
+    Observations (N, 2 K + 2 d + C) of K coordinates in d dimensions: joint angles relative to the rest angles, then
+    strains of segments that lengthen (K), their rates times the period (K), tip and target (d each) divided by the
+    body's length, commanded inputs (C) divided by `highest`. In space joint angles are those of `simulate`: bends about
+    x and y of each joint in turn, then twists. Reward: minus the distance of the tip from its target divided by the
+    body's length. An episode ends early with the reward -10 if the simulation becomes unstable. An environment that is
+    done is reset at the next step, whose action and reward have no effect (Gymnasium's ``NEXT_STEP``).
 
     Parameters
     ----------
     num_envs : int
         Number of environments N.
     model : Model, str or Path
-    highest : float
-        Highest pressure [Pa]; default: twice the pressure that bends the body by half a radian.
+    highest : float, or one for each input
+        Highest pressure [Pa], or input of a tendon [N, m or rad]; default: see `targets.highest_inputs`, in the plane
+        twice the pressure that bends the body by half a radian.
     fit : FitResult, path of metrics.json, or mapping
         Fit from which `pliant.exporters.randomisation.draw_models` draws bodies; default: all bodies equal the model.
     moving : bool
-        Whether targets move along the body's reachable curve, or are at rest.
+        Whether targets move, or are at rest: in the plane along the curve that the tip reaches under the first
+        pressure, in space on the surface that it reaches under inputs which rise one after another.
     task : EpisodeTask
-        With ``observe="fibre"``, angles are measured by the virtual laboratory's fibre with its latency, rates are
-        differences of frames, and tips are computed from these angles. Rewards always use the true tip.
+        With ``observe="fibre"``, in the plane only, angles are measured by the virtual laboratory's fibre with its
+        latency, rates are differences of frames, and tips are computed from these angles. Rewards always use the true
+        tip. With ``engine="jax"`` the bodies are simulated by the module of ``pliant export --to jax``.
     render_mode : None
         There is no rendering.
     """
@@ -130,16 +137,17 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
-        self, num_envs: int = 1, model: Model | str | Path = "", *, highest: float = 0.0, fit: Fit | None = None,
-        moving: bool = False, task: EpisodeTask | None = None, render_mode: None = None,
+        self, num_envs: int = 1, model: Model | str | Path = "", *, highest: float | Sequence[float] = 0.0,
+        fit: Fit | None = None, moving: bool = False, task: EpisodeTask | None = None, render_mode: None = None,
     ) -> None:
-        self.model = planar_model(model)
+        self.model = model_of(model)
         self.num_envs, self.fit, self.moving, self.render_mode = num_envs, fit, moving, render_mode
-        self.task = checked_task(task or EpisodeTask())
-        self.highest = highest_pressure(self.model, highest)
-        n, C, t = self.model.n, self.model.actuation.count, self.task
+        self.task = t = checked_task(task or EpisodeTask(), self.model)
+        self.highest = highest_inputs(self.model, highest)
+        n, C, chain = self.model.n, self.model.actuation.count, mechanics_of(self.model)
         self.single_action_space = spaces.Box(-1.0, 1.0, (C,), np.float32)
-        self.single_observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 4 + C,), np.float32)
+        width = 2 * chain.size + 2 * chain.dimension + C
+        self.single_observation_space = spaces.Box(-np.inf, np.inf, (width,), np.float32)
         self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
         self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
         self._steps = max(1, round(t.period / t.time_step))
@@ -150,9 +158,10 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
                 f"the period of {t.period:.3g} s between actions must exceed the latency of the fibre: use a longer "
                 "period"
             )
-        self._curve = reachable(self.model, self.highest)
+        kind = SurfaceOfTargets if self.model.space else CurveOfTargets
+        self._targets: EpisodeTargets = kind(self.model, self.highest)
         self._elapsed, self._done = np.zeros(num_envs, dtype=int), np.zeros(num_envs, dtype=bool)
-        self._phase, self._target = np.zeros(num_envs), np.zeros((num_envs, 2))
+        self._address, self._target = np.zeros((num_envs, kind.width)), np.zeros((num_envs, chain.dimension))
         self._command, self._before = np.zeros((num_envs, C)), np.zeros((num_envs, n))
         self._bodies: list[Model] = []
 
@@ -166,61 +175,51 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         if seed is not None:
             whole = seed if isinstance(seed, int) else [0 if s is None else s for s in seed]
             self._np_random = np.random.default_rng(whole)
-        if seed is not None or not self._bodies:
+        if not self._bodies or (self.fit and seed is not None):
             drawn = draw_models(self.model, self.fit, self.task.bodies, self.np_random) if self.fit else [self.model]
             self._bodies = drawn
-            self._chains = batch_stepper(drawn, self.num_envs, self.task.time_step)
-            self._lengths = np.stack([m.link_length for m in drawn])
-            self._first = np.stack([m.first_joint for m in drawn])
+            self._chains = ENGINES[self.task.engine](drawn, self.num_envs, self.task.time_step)
+            self._tips, self._nominal = Tips(drawn), Tips([self.model])
             self._body = np.zeros(self.num_envs, dtype=int)
         self.begin(np.arange(self.num_envs))
-        return self.observations(self._chains.angle), self.info()
+        position = self._chains.position
+        tip = self._tips(self._body, position)
+        return self.observations(position, tip), self.info(tip)
 
     def begin(self, which: Array) -> None:
         """Start a new episode in each of M environments, whose indices are `which` (M,)."""
         self._body[which] = self.np_random.integers(len(self._bodies), size=len(which))
         self._chains.reset(which, self._body[which])
-        self._phase[which] = self.np_random.uniform(0.0, 1.0, len(which))
-        self._target[which] = on_curve(self._curve, self._phase[which])
+        self._address[which] = self.np_random.uniform(0.0, 1.0, (len(which), self._targets.width))
+        self._target[which] = self._targets.place(self._address[which])
         self._command[which], self._elapsed[which], self._done[which] = 0.0, 0, False
-        angle = self._chains.angle
         if self._fibre:
             self._fibre.reset(which, self.np_random)
-            angle = self._fibre.see(angle, self.np_random)
-        self._before[which] = angle[which]
+            self._before[which] = self._fibre.see(self._chains.position, self.np_random)[which]
 
-    def tips(self, angle: Array, *, own: bool) -> Array:
-        """Return the tip positions (N, 2) [m] of N chains with n links, at their absolute link angles (N, n) [rad].
-
-        With `own`, the lengths of the drawn bodies are used, else those of the model.
+    def observations(self, position: Array, tip: Array) -> Array:
+        """Return the observations (N, 2 K + 2 d + C) of N chains in d dimensions, from their coordinates (N, K) and
+        tips (N, d) [m]: K joint coordinates, their changes in one period, tip (d), target (d) and C commands. Lengths
+        are divided by the body's length, commands by the highest inputs.
         """
-        m = self.model
-        length = self._lengths[self._body] if own else m.link_length
-        first = self._first[self._body] if own else m.first_joint
-        x = first[..., 0] - (length * np.sin(angle)).sum(axis=1)
-        return np.stack([x, first[..., 1] + (length * np.cos(angle)).sum(axis=1)], axis=1)
-
-    def observations(self, angle: Array) -> Array:
-        """Return the observations (N, 2 n + 4 + C) of N chains at their absolute link angles (N, n) [rad]: n joint
-        angles, their changes in one period, tip (2), target (2) and C commands. Lengths are divided by the body's
-        length, commands by the highest pressure.
-        """
-        m, fibre = self.model, self._fibre
-        angles = fibre.see(angle, self.np_random) if fibre else angle
-        q = np.diff(angles, axis=1, prepend=m.base_angle) - m.rest_angle
-        turn = angles - self._before if fibre else self._chains.rate * self.task.period
-        self._before = angles
-        tip, rates = self.tips(angles, own=not fibre), np.diff(turn, axis=1, prepend=0.0)
+        m, chain = self.model, mechanics_of(self.model)
+        if self._fibre:
+            angle = self._fibre.see(position, self.np_random)
+            tip, change = self._nominal(np.zeros(self.num_envs, dtype=int), angle), angle - self._before
+            self._before = angle
+        else:
+            angle, change = position, self._chains.velocity * self.task.period
+        q, rates = chain.joint_coordinates(angle), chain.joint_rates(change)
         rows = (q, rates, tip / m.length, self._target / m.length, self._command / self.highest)
         return np.concatenate(rows, axis=1).astype(np.float32)
 
-    def info(self) -> dict[str, Any]:
-        """Return Gymnasium's info dict of N environments: tips and targets (N, 2) [m], and times (N,) [s] since the
+    def info(self, tip: Array) -> dict[str, Any]:
+        """Return Gymnasium's info dict of N environments: tips and targets (N, d) [m], and times (N,) [s] since the
         start of each episode.
         """
         every = np.ones(self.num_envs, dtype=bool)
         info = {
-            "tip": self.tips(self._chains.angle, own=True), "target": self._target.copy(),
+            "tip": tip, "target": self._target.copy(),
             "time": self._elapsed * self._steps * self.task.time_step,
         }
         return info | {f"_{name}": every for name in info}
@@ -234,7 +233,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         self._command = 0.5 * (np.clip(np.asarray(actions, dtype=float), -1.0, 1.0) + 1.0) * self.highest
         over = self._done.copy()
         lost = self._chains.hold(self._command, self._steps - self._late)
-        angle = self._chains.angle
+        angle = self._chains.position
         if self._late:
             lost |= self._chains.hold(self._command, self._late)
         self._elapsed += 1
@@ -244,17 +243,18 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
         if lost.any():
             gone = np.flatnonzero(lost)
             self._chains.reset(gone, self._body[gone])
-        now = self._chains.angle
+        now = self._chains.position
         angle = np.where((over | lost)[:, None], now, angle) if self._late else now
         if self.moving:
             turn = 2.0 * np.pi * self.task.frequency * self._elapsed * self._steps * self.task.time_step
-            self._target = on_curve(self._curve, 0.5 - 0.5 * np.cos(turn + np.pi * self._phase))
-        apart = np.linalg.norm(self.tips(now, own=True) - self._target, axis=1) / self.model.length
+            self._target = self._targets.moved(self._address, turn)
+        tip = self._tips(self._body, now)
+        apart = np.linalg.norm(tip - self._target, axis=1) / self.model.length
         reward = np.where(over, 0.0, np.where(lost, LOST, -apart))
         time_step = self.task.time_step
         late = ~over & (self._elapsed * self._steps * time_step >= self.task.duration - 0.5 * time_step)
         self._done = lost | late
-        return self.observations(angle), reward, lost, late, self.info()
+        return self.observations(angle, tip), reward, lost, late, self.info(tip)
 
 
 class TipEnv(gymnasium.Env[Array, Array]):
@@ -293,54 +293,18 @@ def alone(info: dict[str, Any]) -> dict[str, Any]:
     return {name: value[0] for name, value in info.items() if not name.startswith("_")}
 
 
-def planar_model(model: Model | str | Path) -> Model:
-    """Return a planar model, or that of a model file; raise InputError if the body moves in space."""
-    planar = model_of(model)
-    require_planar(planar, "an environment of Gymnasium")
-    return planar
-
-
-def highest_pressure(model: Model, highest: float) -> float:
-    """Return the highest pressure [Pa] of an environment: `highest` or, if it is 0, twice the model's typical pressure.
-    Raise InputError if pressure does not bend the model.
-    """
-    pressure = highest or 2.0 * typical_pressure(model)
-    if not pressure > 0:
-        raise InputError(
-            "pressure does not bend this model, so that it reaches no target: use a model whose chambers have a torque"
-        )
-    return pressure
-
-
-def on_curve(curve: Array, phase: float | Array) -> Array:
-    """Return points (..., 2) [m] on a curve of K points (K, 2) [m] at `phase` (...), 0 at its start and 1 at its
-    end.
-    """
-    share = np.linspace(0.0, 1.0, len(curve))
-    return np.stack([np.interp(phase, share, column) for column in curve.T], axis=-1)
-
-
-def checked_task(task: EpisodeTask) -> EpisodeTask:
-    """Return the settings of an episode unchanged; raise InputError if they are inconsistent."""
+def checked_task(task: EpisodeTask, model: Model) -> EpisodeTask:
+    """Return the settings of an episode unchanged; raise InputError if they are inconsistent, or not for the model."""
     if task.observe not in ("perfect", "fibre"):
         raise InputError(f"observe must be 'perfect' or 'fibre', got {task.observe!r}")
+    if task.engine not in ENGINES:
+        raise InputError(f"engine must be 'pliant' or 'jax', got {task.engine!r}")
+    if task.observe == "fibre" and (model.space or model.extensions):
+        raise InputError("observe='fibre' measures joint angles in the plane of a body of constant length, which model "
+                         f"{model.name!r} is not: use observe='perfect'")  # fmt: skip
     if not (0 < task.time_step <= task.period <= task.duration and task.bodies >= 1):
         raise InputError(f"a task needs 0 < time_step <= period <= duration and bodies >= 1, got {task}")
     return task
-
-
-def reachable(model: Model, highest: float) -> Array:
-    """Return the static tip positions (K, 2) [m] at K pressures of the first chamber, evenly spaced from 0 to at most
-    0.8 times `highest` [Pa].
-    """
-    tips = []
-    for level in np.linspace(0.0, 0.8 * highest, 33):
-        try:
-            q = state.equilibrium(model, first_alone(model, level))
-        except SimulationError:
-            break
-        tips.append(mechanics_of(model).tips(mechanics_of(model).coordinates(q))[-1])
-    return np.array(tips)
 
 
 for _name, _moving in (("Reach", False), ("Track", True)):

@@ -8,7 +8,7 @@ Strains (S,) of segments that lengthen follow.
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -386,9 +386,17 @@ class SpatialChain(Mechanics):
 
 def rotation(vector: Any) -> Array:
     """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
+    return known_rotation(tuple(np.array(vector, dtype=float).tolist())).copy()
+
+
+@lru_cache(1024)
+def known_rotation(vector: tuple[float, ...]) -> Array:
+    """Return the rotation matrix (3, 3) of a rotation vector [rad]; bodies of a batch share those of their rest
+    shape.
+    """
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_rotvec(np.array(vector, dtype=float)).as_matrix())
+    return np.asarray(Rotation.from_rotvec(np.array(vector)).as_matrix())
 
 
 def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Array]:

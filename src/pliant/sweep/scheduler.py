@@ -74,7 +74,8 @@ def executor_of(scheduler: str, workers: int | None = None) -> Callable[[], Any]
     if scheduler == "processes":
         return lambda: WorkerProcesses(workers or cores())
     if not scheduler.startswith(("tcp://", "tls://")):
-        raise InputError(f"scheduler must be local, processes or tcp://host:port, got {scheduler!r}")
+        raise InputError("scheduler must be local, processes or tcp://host:port, or device gpu or jax, "
+                         f"got {scheduler!r}")  # fmt: skip
     show_heavy()  # the command line hides Dask, and a hidden package looks as if it were not installed
     try:
         import distributed  # noqa: F401

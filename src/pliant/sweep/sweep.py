@@ -55,15 +55,16 @@ class SweepResult:
 
 
 class Workers(TypedDict, total=False):
-    """Keyword options of `run_sweep` that select processes or a cluster; documented there."""
+    """Keyword options of `run_sweep` that select processes, a cluster or a device; documented there."""
 
     scheduler: str
     workers: int | None
     make_executor: Callable[[], Any] | None
     count: Count | None
+    device: str
 
 
-WORKERS: Workers = {"scheduler": "local", "workers": None, "make_executor": None, "count": None}
+WORKERS: Workers = {"scheduler": "local", "workers": None, "make_executor": None, "count": None, "device": "cpu"}
 
 
 def run_sweep(
@@ -103,6 +104,8 @@ def run_sweep(
         Called with the fraction of finished chunks, 0 to 1.
     make_executor : callable
         Function that returns any other concurrent.futures executor, in place of `scheduler`.
+    device : str
+        Device of the simulations, as of `simulate_batch`; other than ``cpu``, with the scheduler ``local`` only.
 
     Returns
     -------
@@ -124,6 +127,7 @@ def run_sweep(
     sweep = sweep if isinstance(sweep, Sweep) else sweep_from(dict(sweep))
     check_parameters(sweep, model, experiments)
     maker = hired["make_executor"] or executor_of(hired["scheduler"], hired["workers"])
+    check_device(hired["device"], sweep, local=maker is None)
     options = dict(fit_options or {})
     identity = {
         "sweep": sweep.model_dump(mode="json"), "model": model_to_dict(model), "pliant": __version__,
@@ -135,7 +139,7 @@ def run_sweep(
     if sweep.kind == "bootstrap":
         base = fit(experiments, model, parameters, **{**options, "rng": sweep.seed})
     threads = None if maker is None else 1
-    task = SweepTask(sweep, model, tuple(experiments), tuple(parameters), options, base, threads)
+    task = SweepTask(sweep, model, tuple(experiments), tuple(parameters), options, base, threads, hired["device"])
     account = run_chunks(task, store, maker, progress or (lambda _line: None), hired["count"])
     samples = store.combine(task.bounds)
     for name, dims in (("tip", ("time", "axis")), ("final_tip", ("axis",))):
@@ -150,6 +154,21 @@ def run_sweep(
     write_dataset(samples, Path(folder) / "samples.nc")
     store.note({"identity": identity, **result.summary()})
     return result
+
+
+def check_device(device: str, sweep: Sweep, *, local: bool) -> None:
+    """Raise InputError for an unknown device, one that is absent, or one on which a sweep cannot run."""
+    from pliant.batch.devices import DEVICES, backend
+
+    if device == "cpu":
+        return
+    if device not in DEVICES:
+        raise InputError(f"device must be one of cpu, {', '.join(DEVICES)}, got {device!r}")
+    if sweep.kind in ("bootstrap", "multi_start"):
+        raise InputError(f"a {sweep.kind} sweep repeats fits, which run on the processor: leave out device")
+    if not local:
+        raise InputError(f"device {device!r} is for one process: use the scheduler local")
+    backend().device_of(device)
 
 
 def unit_of(name: str, model: Model) -> str:
@@ -168,7 +187,7 @@ def unit_of(name: str, model: Model) -> str:
 
 def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experiment]) -> None:
     """Raise InputError, before any computation starts, if a sweep has parameters that the model lacks."""
-    from pliant.batch.batch import one_by_one
+    from pliant.batch.batch import taken_alone
     from pliant.batch.one_by_one import check_names
     from pliant.batch.samples import repeated
 
@@ -192,7 +211,7 @@ def check_parameters(sweep: Sweep, model: Model, experiments: Sequence[Experimen
             continue
         some = r.grid() if r.value is None else np.array([r.value])
         values = np.array([r.low if r.mean is None else r.mean]) if some is None else some
-        if one_by_one(model):
+        if taken_alone(model, [name]):
             check_names(model, {name: float(values[0])})
         else:
             repeated(model, {name: values}, 1)

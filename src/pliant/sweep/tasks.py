@@ -31,6 +31,7 @@ class SweepTask:
     fit_options: dict[str, Any] | None = None
     base: FitResult | None = None  # for a bootstrap: the fit whose residuals are resampled
     threads: int | None = 1  # threads of a batch; None: all cores, if one job runs at a time
+    device: str = "cpu"  # of a batch
 
     @property
     def bounds(self) -> list[tuple[int, int]]:
@@ -67,6 +68,7 @@ def simulated(task: SweepTask, first: int, last: int) -> Arrays:
     run = simulate_batch(
         task.model, pressures, parameters=everything or {"tip_mass": np.full(count, task.model.tip_mass)},
         times=times, time_step=time_step, variables=("tip_position",), threads=task.threads, failures="mark",
+        device=task.device,
     )
     tip = run["tip_position"].values[:, :, -1]
     moved = np.linalg.norm(tip - tip[:, :1], axis=-1)

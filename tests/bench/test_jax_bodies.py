@@ -1,0 +1,26 @@
+"""The scripts that measure many bodies run at small sizes: in JAX on its processor, and in SIMD vectors."""
+
+from __future__ import annotations
+
+import argparse
+
+import pytest
+from benchmark_scripts import loaded
+
+pytestmark = pytest.mark.slow  # JAX compiles the steps of two bodies, the other script those of five links
+
+
+def test_bodies_in_jax(capsys):
+    jax = pytest.importorskip("jax", reason="jax is not installed: pip install -e '.[jax]'")
+    bandwidth = 1e9  # B/s
+    with jax.enable_x64(True):
+        loaded("jax_bodies").main(argparse.Namespace(bodies=[3], steps=4, float=[64], bandwidth=bandwidth))
+    rows = [row.split() for row in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[:3] for row in rows] == [["planar", "64", "3"], ["space", "64", "3"]]
+    assert all(float(row[4]) > 0.0 and row[5].endswith("%") for row in rows)
+
+
+def test_batches_in_space(capsys):
+    loaded("space_batch").main(samples=9, runs=1)
+    out = capsys.readouterr().out
+    assert out.count("ratio") == 4
