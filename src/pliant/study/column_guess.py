@@ -15,18 +15,31 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.column_names import is_time, parted
+from pliant.recording.cells import ends_alike, is_time_of_day, with_seconds, without_trailing
+from pliant.recording.column_names import base_to_tip, is_time, parted, standard_names, stations_of
 from pliant.recording.registry import describes_columns
-from pliant.recording.tables import holds_number, parse_numbers, read_text, split_cells, without_text
+from pliant.recording.tables import (
+    DELIMITERS,
+    holds_number,
+    parse_numbers,
+    preamble_of,
+    read_text,
+    split_cells,
+    without_text,
+)
+from pliant.recording.units_row import with_units
 from pliant.study.shorthand import OPEN
-from pliant.units import METRE, NEWTON, PASCAL, RADIAN
+from pliant.units import METRE, NEWTON, PASCAL, PIXEL, RADIAN
 
 Array = np.ndarray
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
-WORD = re.compile(r"[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
+WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
 NUMBERED = re.compile(r"p\d+|base|tip")
 COMMANDED = {"desired", "des", "command", "commanded", "cmd", "set", "setpoint", "target", "ref", "reference", "goal"}
 NO_PLACE = {"acc", "accel", "gyro", "mag", "vel", "velocity", "force", "moment", "torque", "rot", "euler", "imu"}
+SENSED = re.compile(r"(?:(?P<owner>.+?)_)?(?:imu_)?(?:(?P<turn>q|quat|quaternion|orientation|ori|rot)|a|acc|accel|"
+                    r"acceleration|linear_acceleration|g|grav|gravity)_?(?P<axis>[xyzw])(?:_m_s_?2?)?")  # fmt: skip
+TURNED = {"roll", "pitch", "yaw", "euler", "rx", "ry", "rz", "rot", "heading"}
 TRIAL = {"id", "trial", "run", "rep", "repetition", "experiment", "session", "sample"}
 UNITS = {"pressure": PASCAL, "displacement": METRE, "angle": RADIAN, "tension": NEWTON}  # the most frequent first
 WORDS = {
@@ -39,6 +52,7 @@ WORDS = {
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
 RIGID = 0.3  # fraction by which the distance of neighbours on one body may change
 INPUTS = ("pressure", "inputs", "linear")  # entries of a mapping that name the inputs and convert their values
+SCALES = ("camera", "length_unit")  # a mapping states one of them
 LONGEST = 60  # trials of one table that a draft lists
 
 
@@ -68,7 +82,8 @@ class TableGuess:
 
     def beside(self, stated: Mapping[str, Any]) -> TableGuess:
         """Return the proposal with the entries that the user states. If they name inputs, no others are proposed."""
-        named = {**dict.fromkeys(INPUTS if set(INPUTS[:2]) & set(stated) else ()), **stated}
+        named = {**dict.fromkeys(INPUTS if set(INPUTS[:2]) & set(stated) else ()),
+                 **dict.fromkeys(SCALES if set(SCALES) & set(stated) else ()), **stated}
         mapping, neutral = ({**{k: v for k, v in entries.items() if k not in named}, **stated}
                             for entries in (self.mapping, self.neutral))  # fmt: skip
         return replace(self, mapping=mapping, neutral=neutral,
@@ -82,7 +97,18 @@ class TableGuess:
     @property
     def numbered(self) -> bool:
         """Return whether the stations have numbers for names, which say nothing about the parts on which they sit."""
-        return all(NUMBERED.fullmatch(name) for name in self.mapping["stations"])
+        return all(NUMBERED.fullmatch(name) for name in self.mapping.get("stations", ["angle"]))
+
+    @property
+    def readable(self) -> dict[str, Any]:
+        """Return the entries by which the file can be read: the neutral ones, and the first of several trials."""
+        first = {"select": {"column": self.trials[0], "value": self.trials[1][0]}} if self.trials else {}
+        return {**self.neutral, **first}
+
+    @property
+    def assumed(self) -> dict[str, Any]:
+        """Return the assumed scale of positions in pixels."""
+        return {k: v for k, v in self.neutral.items() if k == "camera" and self.mapping.get(k) != v}
 
 
 @dataclass(frozen=True)
@@ -129,12 +155,19 @@ def guessed_table(path: Path, stated: Mapping[str, Any] | None = None) -> TableG
 def plain_table(path: Path) -> PlainTable | None:
     """Return the numbers of a text table whose first row may name its columns; None if it has fewer than 3 rows."""
     lines = [line for line in read_text(path).split("\n") if line.strip() and not line.startswith("#")]
+    lines = lines[preamble_of(lines) :]
     if len(lines) < 3:
         return None
-    delimiter = next((d for d in (";", "\t", "|", ",") if d in lines[0]), None)
+    delimiter = next((d for d in DELIMITERS if d in lines[0]), None)
+    lines, _ = with_units(lines, 0, delimiter, path.name)
     first = split_cells(lines[0], delimiter)
-    names = [] if all(holds_number(cell) for cell in first) else first
-    rows = lines[1:] if names else lines
+    if first[-1] == "" and ends_alike(lines, delimiter):
+        first.pop()
+    names = first if not any(holds_number(cell) for cell in first if cell) else []
+    rows, _ = without_trailing(lines[1:] if names else lines, delimiter, len(first), path.name)
+    for k, cell in enumerate(split_cells(next(row for row in rows if row), delimiter)):
+        if is_time_of_day(cell):
+            rows, _ = with_seconds(rows, delimiter, k, path.name)
     rows = without_text(rows, delimiter, (), len(first)) if names else rows
     values = parse_numbers(rows, name=path.name, first_line=1, delimiter=delimiter, columns=len(first))
     return PlainTable(names, values, delimiter or "space")
@@ -160,19 +193,24 @@ def as_list(value: Any) -> list[Any]:
 
 def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     """Return the proposal for a table with a header, beside what the user states."""
-    stations = stations_by_name(table.names)
-    if not stations or len(set(table.names)) < len(table.names):
+    if len(set(table.names)) < len(table.names):
+        return None
+    stations = stations_by_name(table.names) or stations_by_standard(table.names)
+    sensors = {} if stations else sensors_by_name(table)
+    if not stations and not sensors:
         return None
     places = {name: {part: [table.names[k] for k in columns] for part, columns in at.items()}
               for name, at in stations.items()}  # fmt: skip
     used = {k for at in stations.values() for columns in at.values() for k in columns} | stated_columns(table, stated)
-    clock = next((k for k, name in enumerate(table.names) if k not in used and is_time(name)), None)
+    used |= {k for columns in sensors.values() for k in columns}
+    clocks = [k for k, name in enumerate(table.names) if k not in used and is_time(name)]
+    clock = next((k for k in clocks if table.changes(k)), None)
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
     rest = [k for k in rest if k != trial]
     mapping: dict[str, Any] = {"header": True, **delimited(table), **clock_entries(table, clock)}
-    unit, note = length_unit(table, stations)
-    mapping |= {"length_unit": unit, "stations": places}
+    shape, note = shape_entries(table, stations, sensors)
+    mapping |= {**shape, **({"stations": places} if places else {})}
     inputs, left, notes = input_entries(table, rest)
     left = [k for k in left if not counts(table.values[:, k])]
     if left:
@@ -182,6 +220,48 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     if trial is not None and (values := blocks(table.values[:, trial])):
         trials = (table.names[trial], values)
     return asked({**mapping, **inputs}, table, [note, *notes], trials)
+
+
+def shape_entries(
+    table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[int]]], sensors: Mapping[str, Sequence[int]],
+) -> tuple[dict[str, Any], str]:
+    """Return the entries of a mapping for what shows the shape, beside its stations: the unit of the positions, or the
+    columns of sensors; and a sentence on it.
+    """
+    if sensors:
+        listed = {name: [table.names[k] for k in columns] for name, columns in sensors.items()}
+        return {"angles": listed}, "accelerations and orientations without positions become angles in one plane"
+    unit, note = length_unit(table, stations)
+    return {"camera": {"pixels_per_mm": OPEN}} if unit == PIXEL else {"length_unit": unit}, note
+
+
+def stations_by_standard(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
+    """Return the stations whose columns other spellings name, such as tipX or m0x [mm]: name -> column indices."""
+    try:
+        renamed = standard_names(list(names), "the table").names
+    except InputError:
+        return {}
+    listed = stations_of(renamed, [str(k) for k in range(len(names))])
+    return {f"p{name[1:]}" if name[1:].isdigit() else name: {
+        part: [int(k) for k in columns] for part, columns in at.items()} for name, at in listed.items()}  # fmt: skip
+
+
+def sensors_by_name(table: PlainTable) -> dict[str, list[int]]:
+    """Return the sensors of a table without positions, by their name: the columns of the three components of an
+    acceleration, or of the four of a quaternion.
+    """
+    kinds: dict[str, dict[str, dict[str, int]]] = {"xyz": {}, "xyzw": {}}
+    for k, name in enumerate(table.names):
+        words = words_of(name.partition("[")[0].removesuffix("_g"))
+        last = SENSED.fullmatch("_".join(words))
+        if last and (axis := last["axis"]):
+            parts = "xyzw" if last["turn"] else "xyz"
+            kinds[parts].setdefault(last["owner"] or "tip", {})[axis] = k
+    for parts in ("xyzw", "xyz"):
+        whole = {owner: [at[a] for a in parts] for owner, at in kinds[parts].items() if set(at) == set(parts)}
+        if whole:
+            return whole
+    return {}
 
 
 def delimited(table: PlainTable) -> dict[str, Any]:
@@ -214,7 +294,7 @@ def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
             stations[title] = {"position": [at[a] for a in "xyz"]}
             if all(f"q{a}" in at for a in "xyzw"):
                 stations[title]["quaternion"] = [at[f"q{a}"] for a in "xyzw"]
-    return stations
+    return {title: stations[title] for title in base_to_tip([*stations])}
 
 
 def axis_of(words: Sequence[str]) -> str:
@@ -234,10 +314,10 @@ def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[
     columns = [k for at in stations.values() for k in at["position"]]
     if table.names:
         units = {words_of(table.names[k])[-1] for k in columns}
-        if len(units) == 1 and (unit := units.pop()) in METRE and len(words_of(table.names[columns[0]])) > 1:
+        if len(units) == 1 and (unit := units.pop()) in {*METRE, PIXEL} and len(words_of(table.names[columns[0]])) > 1:
             return unit, ""
-    low, high = np.nanpercentile(table.values[:, columns], [1, 99], axis=0)
-    widest = float(np.max(high - low))
+    known = [values[np.isfinite(values)] for values in table.values[:, columns].T]
+    widest = max((float(np.ptp(np.percentile(values, [1, 99]))) for values in known if values.size), default=0.0)
     unit = "mm" if widest > MILLIMETRES or np.nanmedian(np.abs(table.values[:, columns])) > 10 * MILLIMETRES else "m"
     return unit, f"positions are taken in {unit}, by their range: correct length_unit if they are not"
 
@@ -247,6 +327,8 @@ def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
     name and values; ("", "") if nothing shows that it is an input.
     """
     words = words_of(table.names[k])
+    if TURNED & set(words):
+        return "", ""
     for kind, units in UNITS.items():
         if len(words) > 1 and words[-1] in units and (words[-1] != "m" or kind == "displacement"):
             return kind, words[-1]
@@ -381,6 +463,8 @@ def asked(
     if mapping.get("rate_hz") == OPEN:
         neutral["rate_hz"] = 100.0
         questions["rate_hz"] = "rows a second: the table has no column of time"
+    if mapping.get("camera"):
+        neutral["camera"] = {"pixels_per_mm": 1.0}
     if (pressure := mapping.get("pressure")) and pressure["unit"] == OPEN:
         if pressure["columns"] == OPEN:
             del neutral["pressure"]

@@ -47,13 +47,14 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
                 continue
         if (guess := guessed_table(path, stated)) is None:
             raise
-        return FirstReading(read_shape(path, guess.neutral), {}, guess)
-    if {"pressure", "actuation", "angle"} & set(recording) or "position" not in recording:
+        return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
+    shape = {"position", "angle", "strain"} & set(recording)
+    if shape and {"pressure", "actuation", "angle", "strain"} & set(recording):
         return FirstReading(recording, {})
     guess = guessed_table(path, stated)
-    if guess is None or not (guess.has_inputs or guess.trials) or "select" in stated:
+    if guess is None or (shape and not (guess.has_inputs or guess.trials)) or "select" in stated:
         return FirstReading(recording, {})
-    return FirstReading(read_shape(path, guess.neutral), {}, guess)
+    return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -109,6 +110,8 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
     """
     refuse_idle(mapping, files)
     logs = {file: options for file in files if (options := inputs_alone(file, options_of(file, mapping))) is not None}
+    if len(logs) == len(files):  # a sensor that is logged beside the inputs may show the shape
+        logs = {file: options for file, options in logs.items() if guessed_table(file, options) is None}
     pairs = {file: WithLog(file, options_of(file, mapping)) for file in files if file not in logs}
     for log, options in logs.items():
         shape = shape_of(log, [*pairs])
