@@ -35,7 +35,8 @@ PARTS = {  # names of seconds, and of their fraction with its unit
     "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),
     "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosecs?|nanoseconds?)", re.IGNORECASE),
 }
-TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|o|ori|orientation)[_ .]?([xyzw])", re.IGNORECASE)
+TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orientation|o)[_ .]?([xyzw])",
+                  re.IGNORECASE)  # fmt: skip
 BODY = "body"  # name of a single tracked body, where the names of its columns hold none
 BRACKETED = re.compile(r"(.+?)[\s_]*[\[(]\s*([^\[\]()]+?)\s*[\])]")  # tip_x [mm]
 ENDING = re.compile(r"(.+)[_ ]([A-Za-z]+)")  # tip_x_mm
@@ -81,7 +82,7 @@ def standard_names(names: list[str], file: str) -> Renamed:
     standard = {name: coordinate[0] for name, coordinate in positions.items()}
     standard |= _orientations(names, {new.partition("_")[2] for new in standard.values()})
     clocks = _clocks(names)
-    standard |= {name: other for name in names if name not in standard and (other := clocks.get(name) or _pressure(name))}
+    standard |= {n: other for n in names if n not in standard and (other := clocks.get(n) or _pressure(n))}
     standard |= _channels([name for name in names if name not in standard], [*standard.values()])
     owners = Counter([*names, *(new for old, new in standard.items() if old != new)])
     changed = {old: new for old, new in standard.items() if old != new and owners[new] == 1}

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 NAMED = {*METRE, *PASCAL, *RADIAN, *NEWTON, *SECOND, "ns", "px", "°"}  # join the names of the columns
-UNITS = NAMED | {"", "-", "g", "kg", "v", "mv", "a", "ma", "hz", "%", "counts", "m/s", "m/s2", "m/s^2", "rad/s", "deg/s",
-                 "degrees", "seconds", "none", "n/a"}  # fmt: skip
+UNITS = NAMED | {"", "-", "g", "kg", "v", "mv", "a", "ma", "hz", "%", "counts", "m/s", "m/s2", "m/s^2", "rad/s",
+                 "deg/s", "degrees", "seconds", "none", "n/a"}  # fmt: skip
 BRACKETS = re.compile(r"[\[(<]?\s*([^\[\]()<>]*?)\s*[\])>]?")
 
 

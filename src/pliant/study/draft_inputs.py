@@ -4,6 +4,7 @@ them.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from itertools import combinations
 
 import numpy as np
@@ -51,6 +52,8 @@ def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
     levels = levels_by_name(inspected.trials).values()
     known = all(value != OPEN for one in levels for value in one.values())
     tensions = known and named_tension(inspected.first) is not None
+    if not known or tensions:
+        shared_by_tendons(out, {"tension"} if tensions else set())
     for name in input_names(inspected):
         if known and not tensions:
             out.item("actuator.chambers", name)
@@ -58,9 +61,8 @@ def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
             continue
         out.item("actuator.tendons", name)
         azimuth_of(out, azimuth_of_poses(inspected, name))
-        out.ask("driven_by", "tension, displacement or angle of its motor; a pressure chamber is [[actuator.chambers]]",
-                "tension" if tensions else None, "N, as the names of the files say")
-        out.ask("lever", "m, distance of the tendons from the axis")
+        if tensions:
+            out.put("driven_by", "tension", "N, as the names of the files say")
 
 
 def azimuth_of_poses(inspected: Inspected, name: str) -> int | None:
@@ -116,6 +118,7 @@ def tendons(out: Lines, inspected: Inspected) -> None:
     trial = inspected.first_aligned
     if not trial.tendon_inputs:
         return
+    shared_by_tendons(out, {one.kind for one in trial.tendon_inputs})
     slack = can_be_slack(inspected)
     ends = [] if trial.aligned is None else tendon_ends(trial.aligned)[-len(trial.tendon_inputs) :]
     for k, one in enumerate(trial.tendon_inputs):
@@ -126,14 +129,22 @@ def tendons(out: Lines, inspected: Inspected) -> None:
             out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
         if trial.tracks_one_body and len(trial.tendon_inputs) > OF_ONE_SEGMENT:
             out.ask("stop", "m from the base, where it ends: a single tracked body does not show it")
-        out.ask("lever", "m, distance of the tendons from the axis")
-        if one.kind == "angle":
-            out.ask("pulley", "m, radius of the motors' pulleys")
         if both_ways(one) and one.kind != "tension" and one.name not in slack:
             out.put("pair", True, "its motor turns both ways: two opposite tendons; false for one that can be slack")
         if one.kind != "tension":
             out.put("line_stiffness", LINE_STIFFNESS, "N/m, tendon with its mounts, assumed and never fitted: under a "
                     "displacement the motion shows only ratios of stiffnesses")
+
+
+def shared_by_tendons(out: Lines, kinds: Collection[str]) -> None:
+    """Write the table of the entries that all tendons share, which are asked once. No kind: it is asked, too."""
+    out.table("actuator.tendon_defaults")
+    out.say("of every tendon; an entry of a single tendon takes precedence")
+    if not kinds:
+        out.ask("driven_by", "tension, displacement or angle of its motor; a pressure chamber is [[actuator.chambers]]")
+    out.ask("lever", "m, distance of the tendons from the axis")
+    if "angle" in kinds:
+        out.ask("pulley", "m, radius of the motors' pulleys")
 
 
 def azimuth_of(out: Lines, azimuth: int | None) -> None:

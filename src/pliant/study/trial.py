@@ -294,7 +294,8 @@ def with_alignment(trial: Trial, *, space: bool = False, rest: tuple[float, floa
             return replace(trial, aligned=aligned, problem="")
     except InputError as error:
         if rest is None and "rest" not in trial.options and (
-            calm := later_rest(trial.grouped) or nearest_rest(trial.grouped)
+            calm := later_rest(trial.grouped) or (
+                None if recorded_inputs(trial.recording) else nearest_rest(trial.grouped))
         ):
             return with_alignment(replace(trial, options={**trial.options, "rest": calm}), space=space)
         return replace(trial, aligned=None, problem=str(error))
