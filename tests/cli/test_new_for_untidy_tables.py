@@ -95,6 +95,22 @@ def test_accelerations_beside_a_pressure_are_the_angle_of_the_body(tmp_path):
     assert "in one plane" in text
 
 
+def test_angles_that_are_never_at_rest_are_drafted_all_the_same(tmp_path):
+    turn = 0.4 * np.sin(2.0 * TIMES)
+    rows = [[f"{t:.3f}", f"{np.sin(a):.5f}", "0.03", f"{np.cos(a):.5f}", f"{p:.3f}"]
+            for t, a, p in zip(TIMES, turn, 10.0 + DATA[:, 1] * np.sin(TIMES), strict=True)]  # fmt: skip
+    study, _ = drafted(tmp_path, written(tmp_path / "imu.csv", ["t,acc_x,acc_y,acc_z,P_kPa"], rows))
+    assert study["mapping"]["angles"] == {"tip": ["acc_x", "acc_y", "acc_z"]}
+
+
+def test_a_pressure_of_unknown_unit_is_not_shown_in_kilopascals(tmp_path):
+    rows = [[f"{t:.3f}", *place, f"{p / 6.9:.3f}"] for t, place, p in zip(TIMES, cells(1.0), DATA[:, 1], strict=True)]
+    study, text = drafted(tmp_path, written(tmp_path / "a.csv", [",".join(["t", *NAMES, "line pressure"])], rows))
+    assert study["mapping"]["pressure"]["unit"] == "?"
+    assert "the highest value is 13.04" in text
+    assert "# pressure" not in text
+
+
 def test_trials_that_begin_their_clock_anew_are_recordings(tmp_path):
     rows = [[str(k), f"{t:.3f}", *place, f"{p:.3f}"] for k in (1, 2, 3)
             for t, place, p in zip(TIMES, cells(1.0), DATA[:, 1], strict=True)]  # fmt: skip

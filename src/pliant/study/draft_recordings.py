@@ -46,7 +46,7 @@ def recording(
     """
     kind, candidate = inspected.kinds[trial.name], TrialOfDraft(trial, inspected.trials, level)
     out.table(f"recordings.{key(trial.file_name + ending)}")
-    out.say(*trial.quality.summary().splitlines(), kind.evidence(candidate))
+    out.say(*content_of(trial), kind.evidence(candidate))
     out.put("file", relative(trial.path, folder))
     if trial.log is not None:
         out.put("pressure_file", relative(trial.log, folder), "its clock is synchronised with that of the shape")
@@ -81,6 +81,13 @@ def why_rest(trial: Trial) -> str:
         return f"s: not all stations are labelled in the first {late} frames, the rest before"
     return NEVER if nearest_rest(trial.grouped) else \
         "s: the motion begins at once, and every later rest is one under pressure"
+
+
+def content_of(trial: Trial) -> list[str]:
+    """Return the lines on the content of a file; none on pressures whose unit is an open question."""
+    lines = trial.quality.summary().splitlines()
+    unknown = "pressure_unit" in trial.assumed or (trial.guess is not None and "pressure" in trial.guess.questions)
+    return [line for line in lines if not (unknown and line.startswith("pressure "))]
 
 
 def payload(out: Lines, trial: Trial) -> None:

@@ -274,7 +274,10 @@ def inspect_reading(files: WithLog, reading: FirstReading, number: int | None = 
     trial = Trial(files.shape, recording, assessed, files.options, assumed=assumed, log=files.log, number=number,
                   log_mapping=files.log_options, part=files.trial, guess=guess)  # fmt: skip
     if trial.angles_only:
-        return replace(trial, aligned=from_rest(recording))
+        try:
+            return replace(trial, aligned=from_rest(recording))
+        except InputError as error:
+            return replace(trial, problem=str(error))
     if recording.attrs["frame"] != "tracker":
         return replace(trial, aligned=recording)
     trial = replace(trial, stations={} if guess is not None and guess.numbered else rigid_clusters(recording))
