@@ -111,6 +111,34 @@ def test_a_pressure_of_unknown_unit_is_not_shown_in_kilopascals(tmp_path):
     assert "# pressure" not in text
 
 
+def test_millimetres_and_milliseconds_that_no_name_states(tmp_path):
+    rows = [[str(round(1e3 * t)), *place] for t, place in zip(TIMES, cells(), strict=True)]
+    log = [[f"{1e3 * t:.0f}", f"{p / 100:.4f}"] for t, p in zip(TIMES, DATA[:, 1], strict=True)]
+    files = (written(tmp_path / "a.csv", [",".join(["time", *NAMES])], rows),
+             written(tmp_path / "a_log.csv", ["Zeit;Druck", "ms;bar"], log, ";"))
+    study, text = drafted(tmp_path, *files)
+    assert study["mapping"]["time_unit"] == "ms"
+    assert study["mapping"]["length_unit"] == "mm"
+    assert "at 100 Hz" in text
+    assert "0 to 90 kPa" in text
+
+
+def test_topics_of_ros_with_stamps_in_two_parts(tmp_path):
+    quaternion = ["/tip/pose/orientation/" + a for a in "xyzw"]
+    names = ["header.stamp.sec", "header.stamp.nanosec", *(f"/{s}/pose/position/{a}" for s in ("base", "tip")
+             for a in "xyz"), *quaternion, "/line/pressure"]  # fmt: skip
+    rows = []
+    for t, place, p in zip(TIMES, cells(1.0), DATA[:, 1], strict=True):
+        ns = round(1e9 * (t + 0.3))
+        turn = [f"{v:.5f}" for v in (0.0, np.sin(0.1 * t), 0.0, np.cos(0.1 * t))]
+        rows.append([str(1_715_600_000 + ns // 10**9), str(ns % 10**9), *place, *turn, f"{p:.3f}"])
+    study, text = drafted(tmp_path, written(tmp_path / "a.csv", ["// recorder", ",".join(names)], rows))
+    assert study["mapping"]["time"] == ["header.stamp.sec", "header.stamp.nanosec"]
+    assert list(study["mapping"]["stations"]) == ["base", "tip"]
+    assert study["mapping"]["stations"]["tip"]["quaternion"] == quaternion
+    assert "at 100 Hz" in text
+
+
 def test_trials_that_begin_their_clock_anew_are_recordings(tmp_path):
     rows = [[str(k), f"{t:.3f}", *place, f"{p:.3f}"] for k in (1, 2, 3)
             for t, place, p in zip(TIMES, cells(1.0), DATA[:, 1], strict=True)]  # fmt: skip

@@ -47,3 +47,9 @@ def test_pixels_without_a_scale_are_no_metres(tmp_path):
     (tmp_path / "a.csv").write_text("t,tip_x_px,tip_y_px\n" + "".join(f"{k},{k},5\n" for k in range(6)))
     with pytest.raises(InputError, match=r"a.csv are in pixels.*camera = \{ pixels_per_mm"):
         read(tmp_path / "a.csv")
+
+
+def test_a_stated_unit_of_time_is_not_replaced_by_that_of_a_name(tmp_path):
+    (tmp_path / "a.csv").write_text("time,x_tip,y_tip\n" + "".join(f"{20 * k},{k},5\n" for k in range(6)))
+    recording = read(tmp_path / "a.csv", mapping={"time_unit": "ms", "length_unit": "mm"})
+    assert recording["time"].values.tolist() == pytest.approx([0.02 * k for k in range(6)])

@@ -265,7 +265,7 @@ def completed(mapping: Mapping[str, Any], cells: Sequence[str], file: str) -> tu
     renamed = standard_names(list(cells), file)
     history = []
     if untimed:
-        options |= clock_of(renamed.names, cells)
+        options = {**clock_of(renamed.names, cells), **options}
     if shapeless and not alone and (stations := stations_of(renamed.names, cells)):
         options["stations"] = stations
         if camera is None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.column_names import is_time, parted
+from pliant.recording.column_names import is_time, parted, parted_clock
 from pliant.recording.registry import describes_columns
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import (
@@ -43,6 +43,7 @@ WORDS = {
     "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo"},
 }  # fmt: skip
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
+MILLISECONDS, ROUGH = 5, 0.8  # least whole step of such times; change of successive steps of a motion, at most
 RIGID = 0.3  # fraction by which the distance of neighbours on one body may change
 INPUTS = ("pressure", "inputs", "linear")  # entries of a mapping that name the inputs and convert their values
 SCALES = ("camera", "length_unit")  # a mapping states one of them
@@ -153,10 +154,14 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     used |= {k for columns in sensors.values() for k in columns}
     clocks = [k for k, name in enumerate(table.names) if k not in used and is_time(name)]
     clock = next((k for k in clocks if table.changes(k)), None)
+    parts = parted_clock(table.names) if clock is None else None
+    used |= {parts.seconds, parts.fraction} if parts else set()
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
     rest = [k for k in rest if k != trial]
-    mapping: dict[str, Any] = {"header": True, **delimited(table), **clock_entries(table, clock)}
+    timed = {"time": [table.names[parts.seconds], table.names[parts.fraction]], "time_unit": parts.unit} if parts else \
+        clock_entries(table, clock, stations)
+    mapping: dict[str, Any] = {"header": True, **delimited(table), **timed}
     shape, note = shape_entries(table, stations, sensors)
     mapping |= {**shape, **({"stations": places} if places else {})}
     inputs, left, notes = input_entries(table, rest)
@@ -188,12 +193,23 @@ def delimited(table: PlainTable) -> dict[str, Any]:
     return {} if table.delimiter == "," else {"delimiter": table.delimiter}
 
 
-def clock_entries(table: PlainTable, clock: int | None) -> dict[str, Any]:
-    """Return the entries of the time column, or an open question for the frame rate."""
+def clock_entries(
+    table: PlainTable, clock: int | None, stations: Mapping[str, Mapping[str, Sequence[int]]],
+) -> dict[str, Any]:
+    """Return the entries of the time column, or an open question for the frame rate.
+
+    Times without a unit in whole steps of 5 or more are milliseconds if the stations move smoothly from row to row.
+    """
     if clock is None:
         return {"rate_hz": OPEN}
-    unit = parted(table.names[clock])[1] if table.names else "s"
+    unit = parted(table.names[clock])[1] if table.names else ""
     entry = {"time": table.names[clock] if table.names else clock}
+    if not unit and stations and table.whole(clock):
+        step = float(np.nanmedian(np.diff(table.values[:, clock])))
+        last = table.values[:, [*stations.values()][-1]["position"]]
+        moves = np.diff(last[np.isfinite(last).all(axis=1)], axis=0)
+        smooth = (np.diff(moves, axis=0) ** 2).sum() < ROUGH**2 * (moves**2).sum()
+        unit = "ms" if MILLISECONDS <= step < 1000 * MILLISECONDS and smooth else ""
     return {**entry, "time_unit": unit} if unit in ("ms", "us") else entry
 
 
@@ -277,7 +293,7 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     if not stations:
         return None
     unit, note = length_unit(table, stations)
-    mapping: dict[str, Any] = {**delimited(table), **clock_entries(table, clock), "length_unit": unit,
+    mapping: dict[str, Any] = {**delimited(table), **clock_entries(table, clock, stations), "length_unit": unit,
                                "stations": stations}  # fmt: skip
     used = {k for at in stations.values() for columns in at.values() for k in columns}
     left = [k for k in rest if k not in {*used, *steps} and table.changes(k)]

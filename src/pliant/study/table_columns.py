@@ -27,6 +27,7 @@ from pliant.units import METRE
 Array = np.ndarray
 WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
 NO_PLACE = {"acc", "accel", "gyro", "mag", "vel", "velocity", "force", "moment", "torque", "rot", "euler", "imu"}
+TURNING = {"q", "quat", "quaternion", "orientation"}
 SENSED = re.compile(r"(?:(?P<owner>.+?)_)?(?:imu_)?(?:(?P<turn>q|quat|quaternion|orientation|ori|rot)|a|acc|accel|"
                     r"acceleration|linear_acceleration|g|grav|gravity)_?(?P<axis>[xyzw])(?:_m_s_?2?)?")  # fmt: skip
 
@@ -83,7 +84,7 @@ def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
         words = [w for w in words_of(name) if w not in METRE or w in ("m", "in")]
         axis = axis_of(words)
         if axis and not NO_PLACE & set(words):
-            owner = "_".join(w for w in words if w not in {*axis, axis, "q", "quat", "quaternion", "position", "pos"})
+            owner = "_".join(w for w in words if w not in {*axis, axis, *TURNING, "position", "pos", "pose"})
             parts.setdefault(owner, {}).setdefault(axis, k)
     stations = {}
     for owner, at in parts.items():
@@ -126,7 +127,7 @@ def sensors_by_name(table: PlainTable) -> dict[str, list[int]]:
 
 def axis_of(words: Sequence[str]) -> str:
     """Return x, y, z, qx, qy, qz or qw if the words of a column name state one coordinate, else ""."""
-    turning = bool({"q", "quat", "quaternion"} & set(words))
+    turning = bool(TURNING & set(words))
     for word in words:
         if word in ("qx", "qy", "qz", "qw"):
             return word
