@@ -13,6 +13,7 @@ PASCAL = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 689
 RADIAN = {"rad": 1.0, "deg": math.pi / 180.0}
 NEWTON = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
 METRE = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+PIXEL = "px"
 SECOND = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
 KILOGRAM = {"kg": 1.0, "g": 1e-3, "mg": 1e-6}
 OF_ONE_KIND = (  # units that can be converted to each other

@@ -203,16 +203,20 @@ def test_the_values_assumed_for_a_trial_let_the_body_reach_all_places(tmp_path):
 
 
 @pytest.mark.usefixtures("untried")
-def test_tensions_in_the_names_of_files_are_those_of_the_tendons(tmp_path):
+@pytest.mark.parametrize(("unit", "kind", "value"), [
+    ("N", "tension", 2.5), ("mm", "displacement", 2.5e-3), ("deg", "angle", np.radians(2.5)),
+])  # fmt: skip
+def test_inputs_in_the_names_of_files_are_those_of_the_tendons(tmp_path, unit, kind, value):
     s, files = np.array([0.0, 0.06, 0.12]), []
     for motor, azimuth in (("m1", 0.3), ("m2", 1.9)):
         for level in (1, 2.5):
             points = bent(np.array(0.4 * level), np.array(azimuth), s) + 1e-6 * RNG.standard_normal((60, 3, 3))
             rows = np.column_stack([np.arange(60) / 100.0, points.reshape(60, 9)])
-            files.append(text_table(tmp_path / f"{motor}_{level}N.csv", rows))
+            files.append(text_table(tmp_path / f"{motor}_{level}{unit}.csv", rows))
     study, said = new(tmp_path, *(part for file in files for part in ("--from", file)))
-    assert study["recordings"]["m1_2_5N"]["inputs"] == {"m1": 2.5, "m2": 0.0}
-    assert [t["driven_by"] for t in study["actuator"]["tendons"]] == ["tension"] * 2
+    assert study["recordings"][f"m1_2_5{unit}"]["inputs"] == {"m1": pytest.approx(value), "m2": 0.0}
+    assert [t["driven_by"] for t in study["actuator"]["tendons"]] == [kind] * 2
+    assert ("pulley" in study["actuator"]["tendon_defaults"]) is (kind == "angle")
     assert "? inputs" not in said
 
 

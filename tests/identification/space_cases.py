@@ -19,7 +19,8 @@ SOUND = {
     "rest_turn_z_1": -0.1, "tip_mass": 0.004, "tip_inertia": 5e-6,
     "red.gain_x": 1.1, "red.gain_y": -0.2, "green.cross_gain_2": 0.7, "blue.joint_gain_1": -0.4, "red.torque_1": 2.1e-6,
     "green.valve_rise_time": 0.03, "base_z": 1e-3, "base_x": -2e-3, "tip.aside": 3e-3, "mid.across": 1e-3,
-    "mid.along": 0.05, "latency": 4e-3, "sensor_lag": 0.02, "start": 2e-3,
+    "mid.along": 0.05, "latency": 4e-3, "sensor_lag": 0.02, "start": 2e-3, "gravity_x": 1.5, "gravity_y": -2.0,
+    "gravity_z": 8.0,
 }  # fmt: skip
 OF_MEMORY = {
     "creep_share_1": 0.2, "creep_time_1": 0.15, "slip_share_1": 0.3, "slip_angle_1": 0.02, "boucwen_share": 0.2,

@@ -162,6 +162,7 @@ def estimate(
     found = DEFAULTS | {
         "mass": float(model.link_mass.sum()),
         **space_start(model), "gravity_angle": float(np.arctan2(-model.gravity[0], model.gravity[1])),
+        **{f"gravity_{axis}": float(g) for axis, g in zip("xyz", model.gravity, strict=False)},
         "rest_angle": float(model.rest_angle.mean()),
         **{f"rest_angle_{i + 1}": float(a) for i, a in enumerate(model.rest_angle)},
         **chambers_start(model, experiments),

@@ -27,6 +27,9 @@ class OfTheBody(NamedTuple):
         "1", "position of a joint in its segment, 0 at base", lower=0.0, upper=0.99, scale=0.1)]
     gravity_angle: Annotated[float, Quantity(
         "rad", "angle of gravity from the base tangent", lower=-6.3, upper=6.3, scale=0.05)]
+    gravity_x: Annotated[float, Quantity("m/s^2", "gravity in the base frame, x", scale=0.5)]
+    gravity_y: Annotated[float, Quantity("m/s^2", "gravity in the base frame, y", scale=0.5)]
+    gravity_z: Annotated[float, Quantity("m/s^2", "gravity in the base frame, z, in space", scale=0.5)]
 
 
 class OfAnInput(NamedTuple):

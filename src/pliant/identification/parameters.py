@@ -188,6 +188,10 @@ def apply(model: Model, values: Mapping[str, float]) -> Model:
         changes["extensions"] = extensions
     if "gravity_angle" in values:
         changes["gravity"] = turned_gravity(model, values["gravity_angle"])
+    stated = [values.get(f"gravity_{axis}") for axis in "xyz"[: model.gravity.size]]
+    if any(g is not None for g in stated):
+        before = changes.get("gravity", model.gravity)
+        changes["gravity"] = np.array([old if g is None else g for old, g in zip(before, stated, strict=True)])
     if "mass" in values:
         changes["link_mass"] = model.link_mass * (values["mass"] / model.link_mass.sum())
     if (space := space_parameters.changed_space(model, values)) is not model.space:

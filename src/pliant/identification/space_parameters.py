@@ -15,8 +15,8 @@ from pliant.model.parts import SPACE, fitted
 from pliant.model.quantity import scalars
 
 RATIOS = tuple(name for name in scalars(Space) if name in fitted(SPACE))
-PLANAR = ("rest_angle", "gravity_angle", "base_angle", "base_turn", "joint_share")
-IN_SPACE = ("base_z", "gain_x", "gain_y", "cross_gain", "aside")
+PLANAR: tuple[str, ...] = ("rest_angle", "gravity_angle", "base_angle", "base_turn", "joint_share")
+IN_SPACE: tuple[str, ...] = ("base_z", "gravity_z", "gain_x", "gain_y", "cross_gain", "aside")
 
 
 def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import InputError, clipped
-from pliant.recording.tables import NUMBER, count_cells, split_cells
+from pliant.recording.tables import NUMBER, count_cells, joined, split_cells
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
@@ -29,14 +29,17 @@ def without_trailing(rows: list[str], delimiter: str | None, width: int, name: s
     """Return the rows of a table of `width` columns without the delimiter at the end of each, and a sentence for the
     history; unchanged unless every row has it and no cell behind it.
     """
-    filled = [row for row in rows if row.strip()]
-    if delimiter is None or not filled or count_cells(filled[0], delimiter) != width + 1:
-        return rows, []
-    bare = [row.rstrip(" ") for row in filled]
-    if not all(row.endswith(delimiter) for row in bare[:-1]):
+    filled = next((row for row in rows if row.strip()), "")
+    if delimiter is None or not ends_alike(rows, delimiter) or count_cells(filled, delimiter) != width + 1:
         return rows, []
     return ([row.rstrip(" ").removesuffix(delimiter) for row in rows],
             [f"each row of {name} ends with {delimiter!r}, which begins no cell and is left out"])  # fmt: skip
+
+
+def ends_alike(rows: Sequence[str], delimiter: str | None) -> bool:
+    """Return whether each row of a table that is not blank ends with the delimiter, but perhaps the last."""
+    bare = [row.rstrip(" ") for row in rows if row.strip(" ")]
+    return delimiter is not None and bool(bare) and all(row.endswith(delimiter) for row in bare[:-1] or bare)
 
 
 def cells_of(rows: Sequence[str], delimiter: str | None, columns: Collection[int]) -> dict[int, NDArray]:
@@ -55,7 +58,7 @@ def rewritten(
         for k in columns:
             if k < len(cells):
                 cells[k] = change(cells[k])
-        result.append((delimiter or " ").join(cells))
+        result.append(joined(cells, delimiter))
     return result
 
 

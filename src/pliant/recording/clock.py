@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 COUNTERS = (2**16, 2**31, 2**32)  # ticks after which millis(), micros() and 16-bit timers begin again
+YEAR_2000, YEAR_2100 = 9.466848e8, 4.1025312e9  # s since 1970
 NEAR = 0.02  # of the counter: how close to its end and to zero a wrap lies
 
 
@@ -26,6 +27,7 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
         When the time goes back and no counter wrapped, as when a logger was restarted.
     """
     ticks = np.array(ticks, dtype=np.float64)
+    unit, epoch = since_1970(ticks, unit, file)
     back = np.flatnonzero(np.diff(ticks) < 0)
     wraps = []
     for i in back:
@@ -39,9 +41,21 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
     for first, counter in wraps:
         ticks[first:] += counter
     if not wraps:
-        return ticks * SECONDS[unit], []
+        return ticks * SECONDS[unit], epoch
     line = f"the time counter of {file} wrapped around {len(wraps)} time(s), after {wraps[0][1]} {unit}: corrected"
-    return ticks * SECONDS[unit], [line]
+    return ticks * SECONDS[unit], [*epoch, line]
+
+
+def since_1970(ticks: NDArray, unit: str, file: str) -> tuple[str, list[str]]:
+    """Return the unit of times (T,) that are taken in `unit`, and a sentence for the history. Times since 1970 show
+    their unit by their size: numbers too large for seconds are milliseconds, microseconds or nanoseconds.
+    """
+    known = ticks[np.isfinite(ticks)]
+    size = float(known.min()) if known.size else 0.0
+    shown = next((u for u in ("ms", "us", "ns") if YEAR_2000 <= size * SECONDS[u] < YEAR_2100), None)
+    if unit != "s" or shown is None:
+        return unit, []
+    return shown, [f"the times of {file} are {shown} since 1970, by their size"]
 
 
 def without_repeats(

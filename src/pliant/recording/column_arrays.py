@@ -223,7 +223,7 @@ class ColumnHeader:
         match.
         """
         if isinstance(column, str):
-            matches = self.where.get(column, [])
+            matches = self.where.get(column, []) or [k for k, n in enumerate(self.names) if n.startswith(f"{column} [")]
             if not matches:
                 available = shorten(self.names, 40) or "none, since its first row holds numbers: use indices from 0"
                 raise InputError(f"{self.file} has no column {clipped(column)!r}: correct the mapping; available: "

@@ -12,7 +12,7 @@ import numpy as np
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
 from pliant.recording.tables import holds_number
-from pliant.units import METRE, PASCAL, RADIAN
+from pliant.units import METRE, PASCAL, PIXEL, RADIAN
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,22 +24,28 @@ UNITS = (SECONDS, RADIAN, PASCAL)
 PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNORECASE)
 BEFORE = re.compile(r"([xyz])[_ .:](.+)", re.IGNORECASE)  # x_tip
 COUNTED = re.compile(r"([xyz])([0-9]+)", re.IGNORECASE)  # x1
-BEHIND = re.compile(r"(.+?)[_ .:]([xyz])", re.IGNORECASE)  # tip_x
+BEHIND = re.compile(r"(.+?)[_ .:](?:p(?:os|osition)?[_ .]?)?([xyz])", re.IGNORECASE)  # tip_x, tip_px
+JOINED = re.compile(r"(.*[a-z0-9])([XYZ])|(.*[0-9])([xyz])")  # tipX, m0x
 ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
+TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "datetime", "date_time", "date", "clock",
+         "zeit", "temps", "tiempo", "tempo"}  # fmt: skip
 COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
 PARTS = {  # names of seconds, and of their fraction with its unit
     "seconds": re.compile(r"(?:.*[_ .])?(?:sec|secs|seconds)", re.IGNORECASE),
     "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),
     "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosecs?|nanoseconds?)", re.IGNORECASE),
 }
-TURN = re.compile(r"(?:(.+?)[_ .:])?(?:q|quat(?:ernion)?|rot(?:ation)?|orientation)[_ .]?([xyzw])", re.IGNORECASE)
+TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orientation|o)[_ .]?([xyzw])",
+                  re.IGNORECASE)  # fmt: skip
 BODY = "body"  # name of a single tracked body, where the names of its columns hold none
 BRACKETED = re.compile(r"(.+?)[\s_]*[\[(]\s*([^\[\]()]+?)\s*[\])]")  # tip_x [mm]
 ENDING = re.compile(r"(.+)[_ ]([A-Za-z]+)")  # tip_x_mm
-OTHERS = re.compile(r"f|force|a|acc\w*|gyro\w*|mag\w*|v|vel\w*|torque|moment|rot\w*|angle|q", re.IGNORECASE)
+OTHERS = re.compile(r"f|force|a|acc\w*|gyro\w*|mag\w*|v|vel\w*|torque|moment|rot\w*|angle|q|o|ori\w*|quat\w*|grav\w*|g|"
+                    r"imu\w*|euler\w*|omega|w", re.IGNORECASE)  # fmt: skip
 ELSEWHERE = r"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|atm\w*|ambient|barom\w*"  # not in the body
 PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
+LENGTHS = {*METRE, PIXEL}
 WORDS = {"in"}  # units that are words as well: a name states them in brackets alone
 
 
@@ -75,7 +81,8 @@ def standard_names(names: list[str], file: str) -> Renamed:
                          "columns to one unit")
     standard = {name: coordinate[0] for name, coordinate in positions.items()}
     standard |= _orientations(names, {new.partition("_")[2] for new in standard.values()})
-    standard |= {name: other for name in names if name not in standard and (other := _clock(name) or _pressure(name))}
+    clocks = _clocks(names)
+    standard |= {n: other for n in names if n not in standard and (other := clocks.get(n) or _pressure(n))}
     standard |= _channels([name for name in names if name not in standard], [*standard.values()])
     owners = Counter([*names, *(new for old, new in standard.items() if old != new)])
     changed = {old: new for old, new in standard.items() if old != new and owners[new] == 1}
@@ -94,8 +101,8 @@ def parted(name: str) -> tuple[str, str]:
 
 
 def is_time(name: str) -> bool:
-    """Return whether a column name denotes time: ``t``, ``time`` or ``timestamp``, with or without a unit."""
-    return parted(name)[0] in ("t", "time", "timestamp") or name.lower() in COUNTERS
+    """Return whether a column name denotes time, such as ``t``, ``time`` or ``timestamp``, with or without a unit."""
+    return parted(name)[0] in TIMES or name.lower() in COUNTERS
 
 
 def _sentence(changed: Mapping[str, str], units: Iterable[str]) -> list[str]:
@@ -108,11 +115,13 @@ def _sentence(changed: Mapping[str, str], units: Iterable[str]) -> list[str]:
 
 def _position(name: str) -> tuple[str, str] | None:
     """Return the standard name and the unit of a column of a station's coordinate, or None."""
-    bare, unit = _without_unit(name, METRE)
-    if match := BEFORE.fullmatch(bare) or COUNTED.fullmatch(bare):
-        return f"{match[1].lower()}_{match[2]}", unit
-    if (match := BEHIND.fullmatch(bare)) and not OTHERS.fullmatch(match[1]):
-        return f"{match[2].lower()}_{match[1]}", unit
+    for bare, unit in (_without_unit(name, LENGTHS), (name, "")):  # tip_px is no name with a unit
+        if match := BEFORE.fullmatch(bare) or COUNTED.fullmatch(bare):
+            return f"{match[1].lower()}_{match[2]}", unit
+        if match := BEHIND.fullmatch(bare) or JOINED.fullmatch(bare):
+            owner, axis = [group for group in match.groups() if group]
+            if not OTHERS.fullmatch(re.split(r"[_ .:]", owner)[-1]):
+                return f"{axis.lower()}_{owner}", unit
     return None
 
 
@@ -121,7 +130,7 @@ def _one_body(names: Iterable[str], others: Mapping[str, tuple[str, str]]) -> di
     such as ``x``, ``pos_y`` or ``tz [mm]``; empty where there are other positions, or not one of each coordinate.
     The name ``x_m`` is that of a station m.
     """
-    parts = {name: _without_unit(name, METRE) for name in names}
+    parts = {name: _without_unit(name, LENGTHS) for name in names}
     bare = {name: (match[1].lower(), unit) for name, (word, unit) in parts.items()
             if (match := ONE_BODY.fullmatch(word)) and not name.lower().endswith("_m")}  # fmt: skip
     axes = sorted(axis for axis, _ in bare.values())
@@ -140,13 +149,15 @@ def _orientations(names: Iterable[str], stations: Collection[str]) -> dict[str, 
             if station in stations and count[station] == 4 and not name.startswith(f"q{axis}_")}  # fmt: skip
 
 
-def _clock(name: str) -> str | None:
-    if name.lower() in COUNTERS:
-        return f"t_{COUNTERS[name.lower()]}"
-    unit = parted(name)[1]
-    if not is_time(name) or unit not in ("", *SECONDS):
-        return None
-    return f"t_{unit}" if unit not in ("", "s") else "t"
+def _clocks(names: Iterable[str]) -> dict[str, str]:
+    """Return the standard names of the columns of time. Of a date beside a time, the time alone is one."""
+    clocks = {}
+    for name in names:
+        unit = COUNTERS.get(name.lower(), parted(name)[1])
+        if is_time(name) and unit in ("", *SECONDS):
+            clocks[name] = f"t_{unit}" if unit not in ("", "s") else "t"
+    plain = {name: new for name, new in clocks.items() if parted(name)[0] not in ("date", "datetime", "date_time")}
+    return plain or clocks
 
 
 def _pressure(name: str) -> str | None:
@@ -233,6 +244,7 @@ def parted_clock(names: Sequence[str]) -> PartedClock | None:
     return None
 
 
+AT_BASE, AT_TIP = {"base", "root", "mount", "ground"}, {"tip", "end", "ee", "effector", "endeffector", "distal"}
 CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns"}
 SHAPES = ("stations", "points", "angles")
 
@@ -253,13 +265,21 @@ def completed(mapping: Mapping[str, Any], cells: Sequence[str], file: str) -> tu
     renamed = standard_names(list(cells), file)
     history = []
     if untimed:
-        options |= clock_of(renamed.names, cells)
+        options = {**clock_of(renamed.names, cells), **options}
     if shapeless and not alone and (stations := stations_of(renamed.names, cells)):
         options["stations"] = stations
         if camera is None:
+            refuse_pixels(renamed.length_unit, file)
             options.setdefault("length_unit", renamed.length_unit or "m")
         history.append(f"stations of {file} by the names of its columns: {', '.join(stations)}")
     return options, history
+
+
+def refuse_pixels(unit: str, file: str) -> None:
+    """Raise InputError if positions are in pixels, whose size nobody stated."""
+    if unit == PIXEL:
+        raise InputError(f"the positions of {file} are in pixels, as its columns say: state their scale in its "
+                         "mapping, such as camera = { pixels_per_mm = 4.0 }")
 
 
 def clock_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
@@ -274,6 +294,15 @@ def clock_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
     return {}
 
 
+def base_to_tip(stations: Sequence[str]) -> list[str]:
+    """Return the names of stations with those that say base first and those that say tip or end last."""
+    def rank(name: str) -> int:
+        words = {word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)}
+        return 0 if words & AT_BASE else 2 if words & AT_TIP else 1
+
+    return sorted(stations, key=rank)
+
+
 def stations_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
     """Return the entry `stations` of a mapping for the columns whose standard names are coordinates of a station."""
     columns = dict(zip(names, cells, strict=True))
@@ -286,4 +315,4 @@ def stations_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
         stations[label] = {"position": [columns[f"{a}_{station}"] for a in "xyz" if f"{a}_{station}" in columns]}
         turn = [columns[f"q{a}_{station}"] for a in "xyzw" if f"q{a}_{station}" in columns]
         stations[label] |= {"quaternion": turn} if len(turn) == 4 else {}
-    return stations
+    return {label: stations[label] for label in base_to_tip([*stations])}

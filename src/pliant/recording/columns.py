@@ -19,7 +19,7 @@ import numpy as np
 
 from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
-from pliant.recording.cells import cells_of, is_one_of, with_seconds, without_marks, without_trailing
+from pliant.recording.cells import cells_of, ends_alike, is_one_of, with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_arrays import (
     Column,
@@ -49,10 +49,11 @@ from pliant.recording.tables import (
     split_cells,
     without_text,
 )
+from pliant.recording.units_row import with_units
 from pliant.units import radian_per
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Mapping, Sequence
     from pathlib import Path
 
     import xarray as xr
@@ -67,7 +68,7 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
     if not mapping:
         raise InputError(f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, "
                          f"length_unit, stations or points){_listed(path)}")  # fmt: skip
-    mapping, named = completed(mapping, _first_cells(path, mapping), path.name)
+    mapping, named = completed(mapping, first_cells(path, mapping), path.name)
     options = ColumnMapping.load(mapping, path.name)
     if options.select is not None and options.select.value is None:
         example = f"select = {{ column = {options.select.column!r}, value = 1 }}"
@@ -102,19 +103,21 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
         )  # fmt: skip
 
 
-def _first_cells(path: Path, mapping: Mapping[str, Any]) -> list[str]:
+def first_cells(path: Path, mapping: Mapping[str, Any]) -> list[str]:
     """Return the cells of the first row of a table behind the lines that its mapping skips."""
-    skipped, delimiter = mapping.get("skip_lines"), mapping.get("delimiter")
+    skipped, stated = mapping.get("skip_lines"), mapping.get("delimiter")
     lines = read_text(path).split("\n")
-    lines = lines[skipped if isinstance(skipped, int) else preamble_of(lines) :]
-    line = next((row for row in lines if row.strip() and not row.startswith("#")), "")
-    cells = split_cells(line, delimiter_of(line, delimiter if isinstance(delimiter, str) and delimiter else None))
+    first = first_row(lines, skipped if isinstance(skipped, int) else preamble_of(lines))
+    line = lines[first] if first < len(lines) else ""
+    delimiter = delimiter_of(line, stated if isinstance(stated, str) and stated else None)
+    lines, _ = with_units(lines, first, delimiter, path.name)
+    cells = split_cells(lines[first], delimiter) if line else []
     return cells[:-1] if cells[-1:] == [""] else cells
 
 
 def _listed(path: Path) -> str:
     """Return what the first row of a plain table shows of its columns, for a message."""
-    cells = _first_cells(path, {})
+    cells = first_cells(path, {})
     named = not any(map(holds_number, filter(None, cells)))
     return f"; they are {shorten(cells, 12)}" if named else f"; they are 0 to {len(cells) - 1}"
 
@@ -126,21 +129,19 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
     lines = read_text(path).split("\n")
     first = preamble_of(lines) if options.skip_lines is None else options.skip_lines
     above = [f"{first} line(s) above the table of {path.name} were skipped"] if first and not options.skip_lines else []
-    while first < len(lines) and (not lines[first].strip() or lines[first].startswith("#")):
-        first += 1
+    first = first_row(lines, first)
     if first >= len(lines):
         raise InputError(f"{path.name} has no table row after its first {first} line(s): reduce "
                          "skip_lines in the mapping")
     delimiter, name = delimiter_of(lines[first], options.delimiter), path.name
+    lines, united = with_units(lines, first, delimiter, name)
     cells = split_cells(lines[first], delimiter)
-    findings: list[str] = []
     named = header_of(cells, options, f"line {first + 1}, cell 1 of {name}")
     body = first + 1 if named else first
     rows = lines[body:]
-    if named:
-        if cells[-1] == "":  # a delimiter behind the last name
-            cells.pop()
-        rows, findings = without_trailing(rows, delimiter, len(cells), name)
+    if cells[-1] == "" and (named or ends_alike(rows, delimiter)):  # a delimiter behind the last cell
+        cells.pop()
+    rows, findings = without_trailing(rows, delimiter, len(cells), name)
     rows, cut = judge_end(rows, delimiter, name)
     header = ColumnHeader(cells if named else [], len(cells), name)
     worded, used = _worded(header, options), _used(header, options)
@@ -153,7 +154,14 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
         findings += clock
     rows = without_text(rows, delimiter, used - worded, header.width, header=named, words=worded)
     table = parse_numbers(rows, name=name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
-    return header, table, texts, [*above, *findings, *cut]
+    return header, table, texts, [*above, *united, *findings, *cut]
+
+
+def first_row(lines: Sequence[str], start: int) -> int:
+    """Return the index of the first line from `start` on that is neither blank nor a comment; that of the end if all
+    are.
+    """
+    return next((k for k in range(start, len(lines)) if lines[k].strip() and not lines[k].startswith("#")), len(lines))
 
 
 def delimiter_of(line: str, stated: str | None) -> str | None:
@@ -408,7 +416,7 @@ def trials_in_table(path: Path, mapping: Mapping[str, Any]) -> dict[str, dict[st
     """Return the options of each trial of a table by the trial's value in the column of `select`, where the mapping
     states no value; empty otherwise.
     """
-    mapping, _ = completed(mapping, _first_cells(path, mapping), path.name)
+    mapping, _ = completed(mapping, first_cells(path, mapping), path.name)
     options = ColumnMapping.load(mapping, path.name)
     if options.select is None or options.select.value is not None:
         return {}

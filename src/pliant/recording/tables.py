@@ -90,6 +90,11 @@ def split_cells(line: str, delimiter: str | None) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
+def joined(cells: Sequence[str], delimiter: str | None) -> str:
+    """Return the line of a table with these cells; a cell that holds the delimiter gets quotes."""
+    return (delimiter or " ").join(f'"{cell}"' if delimiter and delimiter in cell else cell for cell in cells)
+
+
 def count_cells(line: str, delimiter: str | None) -> int:
     """Return the number of cells in a line of a table; a delimiter within quotes separates none."""
     if delimiter is None or '"' in line:
@@ -168,7 +173,7 @@ def without_text(
     for row in rows:
         cells = split_cells(row, delimiter)
         numbers = ["nan" if k in text else cell for k, cell in enumerate(cells)]
-        emptied.append((delimiter or " ").join(numbers) if len(cells) == width else row)
+        emptied.append(joined(numbers, delimiter) if len(cells) == width else row)
     return emptied
 
 

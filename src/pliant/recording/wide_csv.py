@@ -24,8 +24,16 @@ from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
 from pliant.recording.cells import with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
-from pliant.recording.column_names import CLOCKS, parted_clock, pressures_named, standard_names, unitless_pressures
-from pliant.recording.columns import changing_columns, kept_rows, read_columns, without_idle
+from pliant.recording.column_names import (
+    CLOCKS,
+    base_to_tip,
+    parted_clock,
+    pressures_named,
+    refuse_pixels,
+    standard_names,
+    unitless_pressures,
+)
+from pliant.recording.columns import changing_columns, first_cells, kept_rows, read_columns, without_idle
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
@@ -40,6 +48,7 @@ from pliant.recording.tables import (
     split_cells,
     whole_number,
 )
+from pliant.recording.units_row import with_units
 from pliant.units import PASCAL, metre_per, pascal_per
 
 if TYPE_CHECKING:
@@ -100,6 +109,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
     metadata = TableMetadata.load(metadata, path.name, "metadata of").model_dump(exclude_unset=True)
     delimiter = find_delimiter(lines[start], path.name)
+    lines, united = with_units(lines, start, delimiter, path.name)
     cells = split_cells(lines[start], delimiter)
     names, unit, renamed = standard_names(cells[:-1] if cells[-1] == "" else cells, path.name)
     if "pressure_unit" in metadata:
@@ -108,6 +118,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
     if fraction := None if set(CLOCKS) & set(names) else parted_clock(names):
         names[fraction.seconds] = "t"
     _check_names(names, path.name)
+    refuse_pixels(unit, path.name)
     if unit and metadata.setdefault("length_unit", unit) != unit:
         raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "
                          f"{metadata['length_unit']}: correct one")
@@ -119,7 +130,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
         table = np.delete(table, fraction.fraction, axis=1)
     above = sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in lines[:start])
     findings += [f"{above} line(s) above the table of {path.name} were skipped"] if above else []
-    findings += renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
+    findings += united + renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
     rows = metadata.get("rows")
     if isinstance(rows, tuple):
         table, row_notes = kept_rows(table, rows, path.name)
@@ -278,7 +289,7 @@ def _station_labels(columns: dict[str, NDArray]) -> list[str]:
     labels = list(dict.fromkeys(station_columns))
     numbers = {label: number for label in labels if (number := whole_number(label)) is not None}
     if len(numbers) < len(labels):
-        return labels
+        return base_to_tip(labels)
     labels = sorted(labels, key=numbers.__getitem__)
     for before, after in pairwise(labels):
         if numbers[after] > numbers[before] + 1:
@@ -404,9 +415,7 @@ def _recognises(head: bytes) -> bool:
 def read_text_table(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading | xr.Dataset:
     """Read a text table by a mapping of its columns or, without one, as a wide CSV if its first row names the time."""
     if not mapping:
-        lines = read_text(path).split("\n")
-        line = next((row for row in lines[preamble_of(lines) :] if row.strip() and not row.startswith("#")), "")
-        names = split_cells(line, find_delimiter(line, path.name))
+        names = first_cells(path, {})
         if any(name in CLOCKS for name in standard_names(names, path.name).names):
             return read_wide_csv(path)
     return read_columns(path, mapping)

@@ -28,12 +28,15 @@ EVALUATIONS = 40
 
 @dataclass(frozen=True)
 class FitSetting:
-    """What all fits of a search share: recordings, time step [s], weighting and loss of the residuals."""
+    """What all fits of a search share: recordings, time step [s], weighting and loss of the residuals, and the highest
+    number of evaluations.
+    """
 
     experiments: tuple[Experiment, ...]
     time_step: float
     weighting: str = "travel"
     loss: str = "linear"
+    evaluations: int = EVALUATIONS
 
     def problem(self, model: Model, parameters: Sequence[Parameter]) -> Problem:
         """Return the least-squares problem of a model with observed points and of parameters with start values."""
@@ -183,7 +186,7 @@ def percent_of(observed: Observations, residual: Array) -> float:
 
 def fitted(
     setting: FitSetting, model: Model, parameters: Sequence[Parameter], *, prior_weight: float | None = None,
-    evaluations: int = EVALUATIONS,
+    evaluations: int | None = None,
 ) -> FittedModel:
     """Fit the free parameters from their start values, and return the optimum.
 
@@ -193,8 +196,8 @@ def fitted(
         All with start values.
     prior_weight : float, optional
         Weight of the priors' residuals; default: that of a first fit.
-    evaluations : int
-        Highest number of evaluations; 0: the start values are taken as the optimum.
+    evaluations : int, optional
+        Highest number of evaluations, if it is below that of the setting; 0: the start values are taken as the optimum.
 
     Raises
     ------
@@ -207,8 +210,9 @@ def fitted(
     if prior_weight is not None:
         problem.size = prior_weight
     x, converged = problem.start, True
-    if evaluations:
-        end = solve(problem, problem.start, setting.loss, evaluations, tolerance=TOLERANCE)
+    most = setting.evaluations if evaluations is None else min(evaluations, setting.evaluations)
+    if most:
+        end = solve(problem, problem.start, setting.loss, most, tolerance=TOLERANCE)
         x, converged = end.x, end.status > 0
     residual = problem.data_residual(x)
     if problem.broken:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -121,6 +121,10 @@ class SlowBody:
         """Return what is known of the body, as a line of progress."""
         return f"the body follows its inputs within {self.constant:.2g} s without ringing"
 
+    def briefly(self, experiments: Sequence[Experiment]) -> Self:
+        """Return the same body with other recordings of it, and with fits of a single step."""
+        return replace(self, setting=replace(self.setting, experiments=tuple(experiments), evaluations=1))
+
     def first_model(
         self, model: Model, common: Sequence[Entry], lengthening: Term | None, time_step: float | None,
     ) -> tuple[FitSetting, FittedModel, list[Term]]:
@@ -178,6 +182,10 @@ class SlowSpatialBody(SlowBody):
     def sentence(self) -> str:
         """Return what is known of the body, and that settled shapes come first."""
         return f"{super().sentence}: settled shapes come first"
+
+    def briefly(self, experiments: Sequence[Experiment]) -> Self:
+        """Return the same body with other recordings of it, and with fits of a single step."""
+        return replace(super().briefly(experiments), shapes=replace(self.shapes, evaluations=1))
 
     def begun(
         self, model: Model, common: Sequence[Entry], stiffness: float, time_step: float | None,

@@ -14,16 +14,17 @@ from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.selection.first_model import Entry, beginning
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
-from pliant.selection.slow import slow_body
+from pliant.selection.slow import SlowBody, slow_body
 from pliant.selection.terms import Term
 
 Notify = Callable[[str], None]
+Begun = tuple[FitSetting, FittedModel, list[Term]]
 
 
 def first_model(
     train: Sequence[Experiment], model: Model, common: Sequence[Entry], terms: Sequence[Term], how: Mapping[str, Any],
     notify: Notify,
-) -> tuple[FitSetting, FittedModel, list[Term]]:
+) -> Begun:
     """Return the setting of all fits of a search, the fitted model with which it begins, and the terms that this model
     has already.
     """
@@ -31,18 +32,26 @@ def first_model(
     slow = slow_body(setting, model)
     if slow is not None:
         notify(slow.sentence)
-        lengthening = next((t for t in terms if t.extension), None)
-        try:
-            begun = slow.first_model(model, common, lengthening, how["time_step"])
-        except PliantError as error:
-            notify(f"warning: the search does not begin with a slow body: {error}")
-        else:
+        if begun := slow_start(slow, model, common, terms, how["time_step"], notify):
             if together := findings_of_chambers(begun[1].free, model, train):
                 notify(f"warning: {together}")
             return begun
     first = first_fit(train, model, beginning(model, train, common), how, notify)
     setting = replace(setting, time_step=first.time_step)
     return setting, fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0), []
+
+
+def slow_start(
+    slow: SlowBody, model: Model, common: Sequence[Entry], terms: Sequence[Term], time_step: float | None,
+    notify: Notify,
+) -> Begun | None:
+    """Return what `first_model` returns for a slow body; None, with a warning, if that start cannot be simulated."""
+    lengthening = next((t for t in terms if t.extension), None)
+    try:
+        return slow.first_model(model, common, lengthening, time_step)
+    except PliantError as error:
+        notify(f"warning: the search does not begin with a slow body: {error}")
+        return None
 
 
 def first_fit(

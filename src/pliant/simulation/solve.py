@@ -321,6 +321,11 @@ def output_times(duration: float | None, times: Array | None, time_step: float |
     return np.linspace(0.0, duration, max(2, round(duration / time_step) + 1))
 
 
+def longest_step(model: Model) -> float:
+    """Return the longest step [s] that resolves the first mode of vibration of a model."""
+    return float(1.0 / (STEPS_PER_PERIOD * state.modes(model)[0][0]))
+
+
 def check_step(model: Model, time_step: float | None, method: str) -> None:
     """Raise InputError for an unknown method, or for a step [s] that is not positive or too long for the model's first
     mode of vibration.
@@ -333,9 +338,9 @@ def check_step(model: Model, time_step: float | None, method: str) -> None:
         raise InputError(f"unknown method {method!r}: use {', '.join((*OWN_METHODS, *METHODS))}")
     if time_step is None:
         return
-    first = float(state.modes(model)[0][0])
-    longest = 1.0 / (STEPS_PER_PERIOD * first)
+    longest = longest_step(model)
     if time_step > longest:
+        first = 1.0 / (STEPS_PER_PERIOD * longest)
         raise InputError(
             f"a step of {time_step * 1e3:.3g} ms is too long: the first mode rings at {first:.3g} Hz and needs at "
             f"least {STEPS_PER_PERIOD} steps a period; use a step of {longest * 1e3:.3g} ms or less"

@@ -19,6 +19,7 @@ from pliant.preprocessing.sync import shift_pressure, sync
 from pliant.recording import append_history, read
 from pliant.recording.inputs import inputs_on_one_clock
 from pliant.simulation.forces import PointForce
+from pliant.study.body import in_base_frame
 from pliant.study.schema import Recording
 from pliant.units import input_words
 from pliant.validation.outcome import Clocks
@@ -126,6 +127,16 @@ def on_one_clock(
         offset = sync(recording, drift=True)
     moved = shift_pressure(recording, offset.delay_s, offset.drift)
     return moved, Clocks.of(recording, offset), (offset.summary(),)
+
+
+def known_values(entry: Recording, recording: xr.Dataset) -> dict[str, float]:
+    """Return the parameters of a recording that are known: the stated ones, and its own gravity in its base frame."""
+    if entry.gravity is None:
+        return entry.known
+    rotation = np.array(alignment_of(recording).rotation) if "alignment" in recording.attrs else None
+    size = 3 if recording.attrs["frame"] == "spatial" else 2
+    gravity = in_base_frame(np.array(entry.gravity, dtype=float), rotation, x_sign(recording), size)
+    return {**entry.known, **{f"gravity_{axis}": float(g) for axis, g in zip("xyz", gravity, strict=False)}}
 
 
 def known_forces(entry: Recording, recording: xr.Dataset) -> list[PointForce]:

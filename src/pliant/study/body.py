@@ -25,6 +25,7 @@ from pliant.study.tendon_ends import end_of_bend
 Array = np.ndarray
 TURNED = "turned by pi about the base tangent: its x is minus that of the recordings"
 PARTS: dict[str, Any] = {"memory": Memory, "valve": Valve}  # tables of [actuator]: records of the model
+BESIDE = {"preset", "section_area", "diameter", "stations", "taper", "segments", "segment_links"}  # no parameters
 SLICES = 200  # of each segment, for the integrals along it
 LEAST_DRAWN = 1e-6  # of the inputs' largest singular value: below it, two tendons were always pulled together
 
@@ -49,7 +50,7 @@ def study_model(
     sign : {1, -1}
         Direction of the planar recordings' x axis in the base frame.
     """
-    values = actuator.model_dump(exclude_none=True, exclude={"preset", "section_area", "diameter", "stations", "taper"})
+    values = actuator.model_dump(exclude_none=True, exclude=BESIDE)
     values["source"] = dict(actuator.source)
     if not values["space"]:
         del values["space"]
@@ -78,11 +79,26 @@ def study_model(
         for name in FIELDS:
             values.pop(name, None)  # of the preset's single chamber
         joints = values.setdefault("links", 5) if links is None else links.n
-        drawn = tuple(tendon_of(entry, joints, values["length"]) for entry in tendons)
+        drawn = tuple(tendon_of(entry, joints, values["length"], actuator.parts(joints)) for entry in tendons)
         values["chambers"] = named_chambers(chambers, joints, space=bool(actuator.space)) + drawn
     else:
         values.setdefault("torque", [0.0])
-    return with_masses_and_stations(chain_model(**values), actuator) if links is None else measured_chain(values, links)
+    return with_masses_and_stations(chain_of(values, actuator), actuator) if links is None else \
+        measured_chain(values, links)
+
+
+def chain_of(values: dict[str, Any], actuator: ActuatorEntry) -> Model:
+    """Return the chain of equal parts with the arguments `values` of `chain_model`, or of the parts of an actuator
+    whose segments differ. Joints are at the base of each part, or in its middle.
+    """
+    model = chain_model(**values)
+    parts = actuator.parts(model.n)
+    if parts is None:
+        return model
+    before, length = values.get("base_length", 0.0), parts
+    if values.get("joint_placement") == "midsegment":
+        before, length = before + 0.5 * parts[0], 0.5 * (parts + np.append(parts[1:], 0.0))
+    return model.with_(link_length=length, link_mass=values["mass"] / parts.sum() * length, base_length=before)
 
 
 def named_chambers(entries: Sequence[ChamberTable], joints: int, *, space: bool = False) -> tuple[Chamber, ...]:
@@ -123,11 +139,13 @@ def joints_of(entry: ChamberTable | TendonTable, joints: int) -> list[int]:
     return turned
 
 
-def tendon_of(entry: TendonTable, joints: int, length: float) -> Tendon:
-    """Return the `Tendon` that a table of the study describes, on a chain of `length` [m] with `joints` joints."""
+def tendon_of(entry: TendonTable, joints: int, length: float, parts: Array | None = None) -> Tendon:
+    """Return the `Tendon` that a table of the study describes, on a chain of `length` [m] with `joints` joints, whose
+    parts have the lengths `parts` (joints,) [m]; default: equal ones.
+    """
     if entry.azimuth_deg is None:
         raise InputError(f"tendon {entry.name}: state azimuth_deg; it can only be estimated in a study with recordings")
-    passed, at = passed_joints(entry, length, joints)
+    passed, at = passed_joints(entry, length, joints, parts)
     passed = np.isin(np.arange(1, joints + 1), joints_of(entry, joints)) * passed
     crossing = entry.lever / entry.taper if entry.taper > 0 else np.inf
     if crossing <= (last := at[passed > 0].max(initial=0.0)):
@@ -223,14 +241,16 @@ def tapered_masses(taper: TaperTable, length: float, link_length: Array) -> Arra
     return np.histogram(s.ravel(), ends, weights=thin * section)[0]
 
 
-def passed_joints(entry: TendonTable, length: float, joints: int) -> tuple[Array, Array]:
+def passed_joints(
+    entry: TendonTable, length: float, joints: int, parts: Array | None = None,
+) -> tuple[Array, Array]:
     """Return the fraction (joints,) of each joint's segment along which a tendon runs, and the middle (joints,) [m from
-    the base] of this part.
+    the base] of this part. The segments have the lengths `parts` (joints,) [m]; default: equal ones.
 
     For a segment beyond the end of the tendon, the fraction is 0 and the middle is that of the segment.
     """
     stop = length if entry.stop is None else entry.stop
-    edges = length * np.arange(joints + 1) / joints
+    edges = length * np.arange(joints + 1) / joints if parts is None else np.append(0.0, np.cumsum(parts))
     part = np.clip((stop - edges[:-1]) / np.diff(edges), 0.0, 1.0)
     end = np.where(part > 0, edges[:-1] + part * np.diff(edges), edges[1:])
     return part, 0.5 * (edges[:-1] + end)

@@ -6,13 +6,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
 
+from pliant.errors import InputError
 from pliant.model import Chamber, Extension, Memory, Space, Station, Tendon, Valve
 from pliant.model.chamber import FIELDS
 from pliant.model.parameters import MassAt, ModelParameters
 from pliant.model.tables import Table, TableLayout, fields_of
 from pliant.model.tendon import DrivenBy
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 Name = Annotated[str, Field(min_length=1, pattern=r"^[^.]+$")]  # the part's parameters are called name.parameter
 Joints = Annotated[list[int], Field(min_length=1)]  # numbered from 1
@@ -113,6 +118,8 @@ class ActuatorEntry(PartTable):
     preset: str | None = None  # a module of pliant.actuators
     length: float | None = None  # m, of the part that bends
     mass: float | None = None  # kg, without the tip mass
+    segments: list[float] | None = None  # m, lengths of segments that differ, from the base on, instead of length
+    segment_links: list[int] | None = None  # links of each segment; default: alike in all, two if links is not stated
     links: int | None = Field(None, ge=1, le=64)
     joint_placement: Literal["base", "midsegment"] | None = None
     chambers: list[ChamberTable] = []  # several chambers, instead of torque
@@ -124,6 +131,38 @@ class ActuatorEntry(PartTable):
     section_area: float | None = Field(None, gt=0)  # m^2 of solid section, used to check a fitted mass
     diameter: float | None = Field(None, gt=0)  # m, outer, used to check density, modulus and torque
     source: dict[str, str] = {}
+
+    @model_validator(mode="after")
+    def divided(self) -> ActuatorEntry:
+        """Complete length and links by the segments, and check that these agree with what is stated."""
+        if self.segments is None:
+            if self.segment_links is not None:
+                raise ValueError("segment_links needs segments = [...], the lengths of the segments")
+            return self
+        count, length = len(self.segments), sum(self.segments)
+        if not count or not all(0 < s < np.inf for s in self.segments):
+            raise ValueError(f"segments needs positive lengths in m, got {self.segments}")
+        if self.length is not None and abs(self.length - length) > 1e-6 * length:
+            raise ValueError(f"segments add up to {length:.6g} m, but length is {self.length:.6g} m: remove length")
+        if self.taper is not None:
+            raise ValueError("segments cannot be combined with taper: state length")
+        links = self.segment_links or [max((self.links or 2 * count) // count, 1)] * count
+        if len(links) != count or min(links) < 1 or self.links not in (None, sum(links)):
+            raise ValueError(f"the links of {count} segments are {links}, one number for each, and links must be their "
+                             f"sum: got links = {self.links}")
+        self.length, self.segment_links, self.links = length, links, sum(links)
+        return self
+
+    def parts(self, joints: int) -> NDArray[np.float64] | None:
+        """Return the length (joints,) [m] of the part of the body that belongs to each joint; None if the body has no
+        stated segments.
+        """
+        if self.segments is None or self.segment_links is None:
+            return None
+        if sum(self.segment_links) != joints:
+            raise InputError(f"the segments have {sum(self.segment_links)} links, and a fit asks for {joints}: remove "
+                             "links from the fit")
+        return np.repeat(np.array(self.segments) / self.segment_links, self.segment_links)
 
     def single_chamber(self) -> list[str]:
         """Return the entries that describe the only chamber of a body."""

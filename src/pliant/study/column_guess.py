@@ -15,18 +15,24 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.column_names import is_time, parted
+from pliant.recording.column_names import is_time, parted, parted_clock
 from pliant.recording.registry import describes_columns
-from pliant.recording.tables import holds_number, parse_numbers, read_text, split_cells, without_text
 from pliant.study.shorthand import OPEN
-from pliant.units import METRE, NEWTON, PASCAL, RADIAN
+from pliant.study.table_columns import (
+    PlainTable,
+    plain_table,
+    sensors_by_name,
+    stations_by_name,
+    stations_by_standard,
+    words_of,
+)
+from pliant.units import METRE, NEWTON, PASCAL, PIXEL, RADIAN
 
 Array = np.ndarray
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
-WORD = re.compile(r"[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
 NUMBERED = re.compile(r"p\d+|base|tip")
 COMMANDED = {"desired", "des", "command", "commanded", "cmd", "set", "setpoint", "target", "ref", "reference", "goal"}
-NO_PLACE = {"acc", "accel", "gyro", "mag", "vel", "velocity", "force", "moment", "torque", "rot", "euler", "imu"}
+TURNED = {"roll", "pitch", "yaw", "euler", "rx", "ry", "rz", "rot", "heading"}
 TRIAL = {"id", "trial", "run", "rep", "repetition", "experiment", "session", "sample"}
 UNITS = {"pressure": PASCAL, "displacement": METRE, "angle": RADIAN, "tension": NEWTON}  # the most frequent first
 WORDS = {
@@ -37,8 +43,10 @@ WORDS = {
     "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo"},
 }  # fmt: skip
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
+MILLISECONDS, ROUGH = 5, 0.8  # least whole step of such times; change of successive steps of a motion, at most
 RIGID = 0.3  # fraction by which the distance of neighbours on one body may change
 INPUTS = ("pressure", "inputs", "linear")  # entries of a mapping that name the inputs and convert their values
+SCALES = ("camera", "length_unit")  # a mapping states one of them
 LONGEST = 60  # trials of one table that a draft lists
 
 
@@ -68,7 +76,8 @@ class TableGuess:
 
     def beside(self, stated: Mapping[str, Any]) -> TableGuess:
         """Return the proposal with the entries that the user states. If they name inputs, no others are proposed."""
-        named = {**dict.fromkeys(INPUTS if set(INPUTS[:2]) & set(stated) else ()), **stated}
+        named = {**dict.fromkeys(INPUTS if set(INPUTS[:2]) & set(stated) else ()),
+                 **dict.fromkeys(SCALES if set(SCALES) & set(stated) else ()), **stated}
         mapping, neutral = ({**{k: v for k, v in entries.items() if k not in named}, **stated}
                             for entries in (self.mapping, self.neutral))  # fmt: skip
         return replace(self, mapping=mapping, neutral=neutral,
@@ -82,26 +91,18 @@ class TableGuess:
     @property
     def numbered(self) -> bool:
         """Return whether the stations have numbers for names, which say nothing about the parts on which they sit."""
-        return all(NUMBERED.fullmatch(name) for name in self.mapping["stations"])
+        return all(NUMBERED.fullmatch(name) for name in self.mapping.get("stations", ["angle"]))
 
+    @property
+    def readable(self) -> dict[str, Any]:
+        """Return the entries by which the file can be read: the neutral ones, and the first of several trials."""
+        first = {"select": {"column": self.trials[0], "value": self.trials[1][0]}} if self.trials else {}
+        return {**self.neutral, **first}
 
-@dataclass(frozen=True)
-class PlainTable:
-    """Numbers (T, C) of a text table, the names of its columns ([] without a header) and its delimiter."""
-
-    names: list[str]
-    values: Array
-    delimiter: str
-
-    def changes(self, k: int) -> bool:
-        """Return whether column k changes."""
-        known = self.values[np.isfinite(self.values[:, k]), k]
-        return bool(known.size and np.ptp(known) > 0)
-
-    def whole(self, k: int) -> bool:
-        """Return whether column k holds whole numbers alone."""
-        known = self.values[np.isfinite(self.values[:, k]), k]
-        return bool(known.size and (known == np.rint(known)).all())
+    @property
+    def assumed(self) -> dict[str, Any]:
+        """Return the assumed scale of positions in pixels."""
+        return {k: v for k, v in self.neutral.items() if k == "camera" and self.mapping.get(k) != v}
 
 
 def guessed_table(path: Path, stated: Mapping[str, Any] | None = None) -> TableGuess | None:
@@ -126,25 +127,6 @@ def guessed_table(path: Path, stated: Mapping[str, Any] | None = None) -> TableG
     return None if guess is None else guess.beside(stated)
 
 
-def plain_table(path: Path) -> PlainTable | None:
-    """Return the numbers of a text table whose first row may name its columns; None if it has fewer than 3 rows."""
-    lines = [line for line in read_text(path).split("\n") if line.strip() and not line.startswith("#")]
-    if len(lines) < 3:
-        return None
-    delimiter = next((d for d in (";", "\t", "|", ",") if d in lines[0]), None)
-    first = split_cells(lines[0], delimiter)
-    names = [] if all(holds_number(cell) for cell in first) else first
-    rows = lines[1:] if names else lines
-    rows = without_text(rows, delimiter, (), len(first)) if names else rows
-    values = parse_numbers(rows, name=path.name, first_line=1, delimiter=delimiter, columns=len(first))
-    return PlainTable(names, values, delimiter or "space")
-
-
-def words_of(name: str) -> list[str]:
-    """Return the words and numbers of a column name in lower case: servo_4_mm gives servo, 4, mm."""
-    return [word.lower() for word in WORD.findall(name)]
-
-
 def stated_columns(table: PlainTable, stated: Mapping[str, Any]) -> set[int]:
     """Return the indices of the columns that the user names as inputs."""
     groups = [g for name in INPUTS[:2] for g in as_list(stated.get(name)) if isinstance(g, Mapping)]
@@ -160,19 +142,28 @@ def as_list(value: Any) -> list[Any]:
 
 def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     """Return the proposal for a table with a header, beside what the user states."""
-    stations = stations_by_name(table.names)
-    if not stations or len(set(table.names)) < len(table.names):
+    if len(set(table.names)) < len(table.names):
+        return None
+    stations = stations_by_name(table.names) or stations_by_standard(table.names)
+    sensors = {} if stations else sensors_by_name(table)
+    if not stations and not sensors:
         return None
     places = {name: {part: [table.names[k] for k in columns] for part, columns in at.items()}
               for name, at in stations.items()}  # fmt: skip
     used = {k for at in stations.values() for columns in at.values() for k in columns} | stated_columns(table, stated)
-    clock = next((k for k, name in enumerate(table.names) if k not in used and is_time(name)), None)
+    used |= {k for columns in sensors.values() for k in columns}
+    clocks = [k for k, name in enumerate(table.names) if k not in used and is_time(name)]
+    clock = next((k for k in clocks if table.changes(k)), None)
+    parts = parted_clock(table.names) if clock is None else None
+    used |= {parts.seconds, parts.fraction} if parts else set()
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
     rest = [k for k in rest if k != trial]
-    mapping: dict[str, Any] = {"header": True, **delimited(table), **clock_entries(table, clock)}
-    unit, note = length_unit(table, stations)
-    mapping |= {"length_unit": unit, "stations": places}
+    timed = {"time": [table.names[parts.seconds], table.names[parts.fraction]], "time_unit": parts.unit} if parts else \
+        clock_entries(table, clock, stations)
+    mapping: dict[str, Any] = {"header": True, **delimited(table), **timed}
+    shape, note = shape_entries(table, stations, sensors)
+    mapping |= {**shape, **({"stations": places} if places else {})}
     inputs, left, notes = input_entries(table, rest)
     left = [k for k in left if not counts(table.values[:, k])]
     if left:
@@ -184,49 +175,42 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     return asked({**mapping, **inputs}, table, [note, *notes], trials)
 
 
+def shape_entries(
+    table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[int]]], sensors: Mapping[str, Sequence[int]],
+) -> tuple[dict[str, Any], str]:
+    """Return the entries of a mapping for what shows the shape, beside its stations: the unit of the positions, or the
+    columns of sensors; and a sentence on it.
+    """
+    if sensors:
+        listed = {name: [table.names[k] for k in columns] for name, columns in sensors.items()}
+        return {"angles": listed}, "accelerations and orientations without positions become angles in one plane"
+    unit, note = length_unit(table, stations)
+    return {"camera": {"pixels_per_mm": OPEN}} if unit == PIXEL else {"length_unit": unit}, note
+
+
 def delimited(table: PlainTable) -> dict[str, Any]:
     """Return the entry of the delimiter, if it is not the default."""
     return {} if table.delimiter == "," else {"delimiter": table.delimiter}
 
 
-def clock_entries(table: PlainTable, clock: int | None) -> dict[str, Any]:
-    """Return the entries of the time column, or an open question for the frame rate."""
+def clock_entries(
+    table: PlainTable, clock: int | None, stations: Mapping[str, Mapping[str, Sequence[int]]],
+) -> dict[str, Any]:
+    """Return the entries of the time column, or an open question for the frame rate.
+
+    Times without a unit in whole steps of 5 or more are milliseconds if the stations move smoothly from row to row.
+    """
     if clock is None:
         return {"rate_hz": OPEN}
-    unit = parted(table.names[clock])[1] if table.names else "s"
+    unit = parted(table.names[clock])[1] if table.names else ""
     entry = {"time": table.names[clock] if table.names else clock}
+    if not unit and stations and table.whole(clock):
+        step = float(np.nanmedian(np.diff(table.values[:, clock])))
+        last = table.values[:, [*stations.values()][-1]["position"]]
+        moves = np.diff(last[np.isfinite(last).all(axis=1)], axis=0)
+        smooth = (np.diff(moves, axis=0) ** 2).sum() < ROUGH**2 * (moves**2).sum()
+        unit = "ms" if MILLISECONDS <= step < 1000 * MILLISECONDS and smooth else ""
     return {**entry, "time_unit": unit} if unit in ("ms", "us") else entry
-
-
-def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
-    """Return the stations whose x, y and z (and quaternion) columns the names show: name -> column indices."""
-    parts: dict[str, dict[str, int]] = {}
-    for k, name in enumerate(names):
-        words = [w for w in words_of(name) if w not in METRE or w in ("m", "in")]
-        axis = axis_of(words)
-        if axis and not NO_PLACE & set(words):
-            owner = "_".join(w for w in words if w not in {*axis, axis, "q", "quat", "quaternion", "position", "pos"})
-            parts.setdefault(owner, {}).setdefault(axis, k)
-    stations = {}
-    for owner, at in parts.items():
-        if all(a in at for a in "xyz"):
-            title = f"p{owner}" if owner.isdigit() else owner or "tip"
-            stations[title] = {"position": [at[a] for a in "xyz"]}
-            if all(f"q{a}" in at for a in "xyzw"):
-                stations[title]["quaternion"] = [at[f"q{a}"] for a in "xyzw"]
-    return stations
-
-
-def axis_of(words: Sequence[str]) -> str:
-    """Return x, y, z, qx, qy, qz or qw if the words of a column name state one coordinate, else ""."""
-    turning = bool({"q", "quat", "quaternion"} & set(words))
-    for word in words:
-        if word in ("qx", "qy", "qz", "qw"):
-            return word
-    letters = [w for w in words if w in ("x", "y", "z", "w")]
-    if len(letters) != 1:
-        return ""
-    return f"q{letters[0]}" if turning or letters[0] == "w" else letters[0]
 
 
 def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[int]]]) -> tuple[str, str]:
@@ -234,10 +218,10 @@ def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[
     columns = [k for at in stations.values() for k in at["position"]]
     if table.names:
         units = {words_of(table.names[k])[-1] for k in columns}
-        if len(units) == 1 and (unit := units.pop()) in METRE and len(words_of(table.names[columns[0]])) > 1:
+        if len(units) == 1 and (unit := units.pop()) in {*METRE, PIXEL} and len(words_of(table.names[columns[0]])) > 1:
             return unit, ""
-    low, high = np.nanpercentile(table.values[:, columns], [1, 99], axis=0)
-    widest = float(np.max(high - low))
+    known = [values[np.isfinite(values)] for values in table.values[:, columns].T]
+    widest = max((float(np.ptp(np.percentile(values, [1, 99]))) for values in known if values.size), default=0.0)
     unit = "mm" if widest > MILLIMETRES or np.nanmedian(np.abs(table.values[:, columns])) > 10 * MILLIMETRES else "m"
     return unit, f"positions are taken in {unit}, by their range: correct length_unit if they are not"
 
@@ -247,6 +231,8 @@ def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
     name and values; ("", "") if nothing shows that it is an input.
     """
     words = words_of(table.names[k])
+    if TURNED & set(words):
+        return "", ""
     for kind, units in UNITS.items():
         if len(words) > 1 and words[-1] in units and (words[-1] != "m" or kind == "displacement"):
             return kind, words[-1]
@@ -307,7 +293,7 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     if not stations:
         return None
     unit, note = length_unit(table, stations)
-    mapping: dict[str, Any] = {**delimited(table), **clock_entries(table, clock), "length_unit": unit,
+    mapping: dict[str, Any] = {**delimited(table), **clock_entries(table, clock, stations), "length_unit": unit,
                                "stations": stations}  # fmt: skip
     used = {k for at in stations.values() for columns in at.values() for k in columns}
     left = [k for k in rest if k not in {*used, *steps} and table.changes(k)]
@@ -381,6 +367,8 @@ def asked(
     if mapping.get("rate_hz") == OPEN:
         neutral["rate_hz"] = 100.0
         questions["rate_hz"] = "rows a second: the table has no column of time"
+    if mapping.get("camera"):
+        neutral["camera"] = {"pixels_per_mm": 1.0}
     if (pressure := mapping.get("pressure")) and pressure["unit"] == OPEN:
         if pressure["columns"] == OPEN:
             del neutral["pressure"]

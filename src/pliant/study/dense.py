@@ -20,7 +20,7 @@ from pliant.preprocessing.side import alignment_of, x_sign
 from pliant.recording import make_recording
 from pliant.recording.inputs import input_arguments, keep_base
 from pliant.reduction import LinkPlacement, OrderResult, links_of, select_order
-from pliant.study.aligned import known_forces
+from pliant.study.aligned import known_forces, known_values
 from pliant.study.schema import Fibre, Reduction, Study
 from pliant.validation.outcome import Shape
 
@@ -143,7 +143,8 @@ def link_experiment(study: Study, name: str, body: xr.Dataset, chain: LinkPlacem
     )
     tips = keep_base(body, tips.assign_attrs({SIDE: x_sign(body)}))
     forces = known_forces(entry, body)
-    observed = experiment(name, tips, excitation=entry.excitation, known=entry.known, forces=forces, drive=entry.drive)
+    observed = experiment(name, tips, excitation=entry.excitation, known=known_values(entry, body), forces=forces,
+                          drive=entry.drive)
     if not entry.angles:
         return observed
     angle = links.joint_angle + links.rest_angle

@@ -17,13 +17,19 @@ import numpy as np
 from pliant.errors import PliantError
 from pliant.identification import Experiment
 from pliant.identification.fit import check_identifiable, first_problem, parameters_from, starts_of
+from pliant.identification.problem import Problem
+from pliant.model import Model
+from pliant.selection import terms_for
 from pliant.selection.first_model import beginning
+from pliant.selection.fitted import FitSetting
 from pliant.selection.search import MINUTES
+from pliant.selection.slow import slow_body
+from pliant.selection.start import slow_start
 from pliant.study.draft_tables import down
 from pliant.study.inspected import Inspected
 from pliant.study.prepare import without
 from pliant.study.run import prepare_all
-from pliant.study.schema import Study, load_study
+from pliant.study.schema import SelectionEntry, Study, load_study
 from pliant.study.shorthand import OPEN
 from pliant.study.trial import Trial, body_length, farthest
 
@@ -81,9 +87,9 @@ def check_draft(text: str, folder: Path, inspected: Inspected) -> DraftCheck:
 
 
 def first_step(study: Study, *, whole: bool) -> tuple[float, tuple[str, ...]]:
-    """Prepare a study, find the start values of the fit with which its model selection begins, and compute its first
-    derivatives. Return the time that these derivatives take [s], and a sentence for each recording that is left out. Of
-    long recordings a part is used, and the time is extrapolated.
+    """Prepare a study, find the start of its model selection as a run does, and compute the derivatives there. Return
+    the time that these take [s], and a sentence for each recording that is left out. Of long recordings a part is used,
+    and the time is extrapolated.
 
     Raises
     ------
@@ -95,20 +101,40 @@ def first_step(study: Study, *, whole: bool) -> tuple[float, tuple[str, ...]]:
     entry = without(study, ready.dropped, ready.doubts).model_selection
     if entry is None:
         raise ValueError("the study has no model selection")
-    train, parts = zip(*(shortened(ready.experiments[name]) for name in entry.train), strict=True)
-    first = beginning(ready.model, train, parameters_from(entry.common))
-    problem = first_problem(train, ready.model, first, study.time_step, entry.weighting)
-    starts_of(problem, 1, np.random.default_rng(study.seed))
-    if whole and min(parts) == 1.0:
-        check_identifiable(problem)
+    train = [ready.experiments[name] for name in entry.train]
+    short, parts = zip(*map(shortened, train), strict=True)
+    problem, x = start_of_search(study, entry, train, short, ready.model, whole=whole and min(parts) == 1.0)
     step = 0.0
     for shift in (1e-6, 2e-6):  # the derivatives at the start itself are known
         began = clock.perf_counter()
-        problem.jacobian(problem.start + shift)
+        problem.jacobian(x + shift)
         step = clock.perf_counter() - began
         if step > QUICK_S:
             break
     return step / float(np.mean(parts)), tuple(ready.dropped.values())
+
+
+def start_of_search(
+    study: Study, entry: SelectionEntry, train: Sequence[Experiment], short: Sequence[Experiment], model: Model, *,
+    whole: bool,
+) -> tuple[Problem, np.ndarray]:
+    """Return the problem of the first model of a search on `train`, with the recordings cut `short`, and its scaled
+    parameters (P,) after one step of each fit that leads there.
+
+    A body that follows its inputs slowly begins as in a run, from its settled shapes. Raises FitError as `first_step`.
+    """
+    common = parameters_from(entry.common)
+    setting = FitSetting(tuple(train), 0.0, entry.weighting, entry.loss)
+    if slow := slow_body(setting, model):
+        terms = terms_for(model, train, only=entry.terms, without=entry.without)
+        if begun := slow_start(slow.briefly(short), model, common, terms, study.time_step, lambda _line: None):
+            return begun[1].problem, begun[1].x
+    first = beginning(model, short, common)
+    problem = first_problem(short, model, first, study.time_step, entry.weighting)
+    starts_of(problem, 1, np.random.default_rng(study.seed))
+    if whole and len(model.chambers) < 2:  # several are fitted near their start values then
+        check_identifiable(problem)
+    return problem, problem.start
 
 
 def shortened(exp: Experiment) -> tuple[Experiment, float]:

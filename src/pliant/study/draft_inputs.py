@@ -4,6 +4,7 @@ them.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from itertools import combinations
 
 import numpy as np
@@ -13,7 +14,7 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.recording.inputs import RecordedInput, inputs_at
 from pliant.study.first_reading import several
 from pliant.study.inspected import Inspected
-from pliant.study.kinds import levels_by_name, named_tension
+from pliant.study.kinds import levels_by_name, named_kind
 from pliant.study.shorthand import OPEN
 from pliant.study.tendon_ends import end_of_bend, even_bend
 from pliant.study.toml_text import Lines
@@ -21,6 +22,8 @@ from pliant.study.trial import Trial, body_length
 
 LINKS = 5
 LINE_STIFFNESS = 1000.0  # N/m
+STIFF_LINE = ("N/m, tendon with its mounts, assumed and never fitted: under a displacement the motion shows only "
+              "ratios of stiffnesses")
 OF_ONE_SEGMENT = 4  # tendons; more bend several segments, and end at different positions along the body
 FEWEST_SHOWING = 3  # stations with the base: so few can always be explained by the bend of some part
 MUCH_BETTER = 0.5  # a bend of a part is used if its squared error is below this fraction of an even bend's
@@ -50,17 +53,20 @@ def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
     """Write the inputs of settled poses that the names of the files state, as chambers if they are pressures."""
     levels = levels_by_name(inspected.trials).values()
     known = all(value != OPEN for one in levels for value in one.values())
-    tensions = known and named_tension(inspected.first) is not None
+    kind = named_kind(inspected.trials) if known else ""
+    if kind or not known:
+        shared_by_tendons(out, {kind} - {""})
     for name in input_names(inspected):
-        if known and not tensions:
+        if known and not kind:
             out.item("actuator.chambers", name)
             out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
             continue
         out.item("actuator.tendons", name)
         azimuth_of(out, azimuth_of_poses(inspected, name))
-        out.ask("driven_by", "tension, displacement or angle of its motor; a pressure chamber is [[actuator.chambers]]",
-                "tension" if tensions else None, "N, as the names of the files say")
-        out.ask("lever", "m, distance of the tendons from the axis")
+        if kind:
+            out.put("driven_by", kind, "as the names of the files say")
+        if kind not in ("", "tension"):
+            out.put("line_stiffness", LINE_STIFFNESS, STIFF_LINE)
 
 
 def azimuth_of_poses(inspected: Inspected, name: str) -> int | None:
@@ -116,6 +122,7 @@ def tendons(out: Lines, inspected: Inspected) -> None:
     trial = inspected.first_aligned
     if not trial.tendon_inputs:
         return
+    shared_by_tendons(out, {one.kind for one in trial.tendon_inputs})
     slack = can_be_slack(inspected)
     ends = [] if trial.aligned is None else tendon_ends(trial.aligned)[-len(trial.tendon_inputs) :]
     for k, one in enumerate(trial.tendon_inputs):
@@ -126,14 +133,21 @@ def tendons(out: Lines, inspected: Inspected) -> None:
             out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
         if trial.tracks_one_body and len(trial.tendon_inputs) > OF_ONE_SEGMENT:
             out.ask("stop", "m from the base, where it ends: a single tracked body does not show it")
-        out.ask("lever", "m, distance of the tendons from the axis")
-        if one.kind == "angle":
-            out.ask("pulley", "m, radius of the motors' pulleys")
         if both_ways(one) and one.kind != "tension" and one.name not in slack:
             out.put("pair", True, "its motor turns both ways: two opposite tendons; false for one that can be slack")
         if one.kind != "tension":
-            out.put("line_stiffness", LINE_STIFFNESS, "N/m, tendon with its mounts, assumed and never fitted: under a "
-                    "displacement the motion shows only ratios of stiffnesses")
+            out.put("line_stiffness", LINE_STIFFNESS, STIFF_LINE)
+
+
+def shared_by_tendons(out: Lines, kinds: Collection[str]) -> None:
+    """Write the table of the entries that all tendons share, which are asked once. No kind: it is asked, too."""
+    out.table("actuator.tendon_defaults")
+    out.say("of every tendon; an entry of a single tendon takes precedence")
+    if not kinds:
+        out.ask("driven_by", "tension, displacement or angle of its motor; a pressure chamber is [[actuator.chambers]]")
+    out.ask("lever", "m, distance of the tendons from the axis")
+    if "angle" in kinds:
+        out.ask("pulley", "m, radius of the motors' pulleys")
 
 
 def azimuth_of(out: Lines, azimuth: int | None) -> None:

@@ -7,19 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from pliant.errors import InputError
 from pliant.preprocessing.quality import standing_stations
-from pliant.preprocessing.rest import rest_window
 from pliant.recording.typed_steps import held_sentences
 from pliant.study.draft_inputs import channels
 from pliant.study.inspected import DIVIDED, LATER, Inspected
 from pliant.study.kinds import Kind, TrialOfDraft
+from pliant.study.later_rest import nearest_rest
 from pliant.study.shorthand import OPEN
 from pliant.study.toml_text import Lines, key, relative
 from pliant.study.trial import Trial
 from pliant.units import KILOGRAM
 
-REST = 0.05  # of a free decay: its end, taken as rest
+NEVER = "s: the body is never at rest; here it is nearest to it"
 DIVISION: tuple[tuple[str, list[float] | None], ...] = (("", [0.0, DIVIDED]), (LATER, [DIVIDED, 1.0]))
 GRAMS = re.compile(r"(?<![a-z0-9.])(\d+(?:\.\d+)?)[ _-]?(g|kg)(?![a-z0-9])", re.IGNORECASE)
 LOADED = re.compile(r"(?:load|weight|mass)[ _-]?\d+", re.IGNORECASE)
@@ -47,7 +46,7 @@ def recording(
     """
     kind, candidate = inspected.kinds[trial.name], TrialOfDraft(trial, inspected.trials, level)
     out.table(f"recordings.{key(trial.file_name + ending)}")
-    out.say(*trial.quality.summary().splitlines(), kind.evidence(candidate))
+    out.say(*content_of(trial), kind.evidence(candidate))
     out.put("file", relative(trial.path, folder))
     if trial.log is not None:
         out.put("pressure_file", relative(trial.log, folder), "its clock is synchronised with that of the shape")
@@ -60,8 +59,9 @@ def recording(
             column, numbers = trial.guess.trials
             out.put("select", {"column": column, "values": numbers}, "a recording for each trial")
         first = inspected.first.guess
-        if first is not None and trial.guess.mapping["stations"] != first.mapping["stations"]:
-            out.put("mapping", {"stations": trial.guess.mapping["stations"]}, "the order of the stations in this file")
+        stations = trial.guess.mapping.get("stations")
+        if first is not None and stations != first.mapping.get("stations"):
+            out.put("mapping", {"stations": stations}, "the order of the stations in this file")
     elif trial.mapping:
         out.put("mapping", trial.mapping)
     if not kind.poses and (moving := moving_beside(trial)) is not None:
@@ -69,12 +69,25 @@ def recording(
     kind.entries(out, candidate)
     payload(out, trial)
     if "rest" in trial.options:
-        late = int(np.argmax(np.isfinite(trial.grouped["position"].values).all(axis=(1, 2))))
-        out.put("alignment", {"options": {"rest": trial.options["rest"]}},
-                f"s: not all stations are labelled in the first {late} frames, the rest before" if late else
-                "s: the motion begins at once, and every later rest is one under pressure")
+        out.put("alignment", {"options": {"rest": trial.options["rest"]}}, why_rest(trial))
     elif (rest := stated_rest(trial, kind)) is not None:
-        out.put("alignment", {"options": {"rest": rest}}, "s: the body is never at rest; here it is nearest to it")
+        out.put("alignment", {"options": {"rest": rest}}, NEVER)
+
+
+def why_rest(trial: Trial) -> str:
+    """Return the comment on a rest that the inspection of a recording chose."""
+    late = int(np.argmax(np.isfinite(trial.grouped["position"].values).all(axis=(1, 2))))
+    if late:
+        return f"s: not all stations are labelled in the first {late} frames, the rest before"
+    return NEVER if nearest_rest(trial.grouped) else \
+        "s: the motion begins at once, and every later rest is one under pressure"
+
+
+def content_of(trial: Trial) -> list[str]:
+    """Return the lines on the content of a file; none on pressures whose unit is an open question."""
+    lines = trial.quality.summary().splitlines()
+    unknown = "pressure_unit" in trial.assumed or (trial.guess is not None and "pressure" in trial.guess.questions)
+    return [line for line in lines if not (unknown and line.startswith("pressure "))]
 
 
 def payload(out: Lines, trial: Trial) -> None:
@@ -93,18 +106,11 @@ def payload(out: Lines, trial: Trial) -> None:
 
 def stated_rest(trial: Trial, kind: Kind) -> list[float] | None:
     """Return the time [start, end] [s] to take as that of rest, if the base was not tracked and the body is never at
-    rest: the end of a free decay, else the first frames. None if the run finds a rest itself.
+    rest. None if the run finds a rest itself.
     """
     if trial.options or trial.angles_only or kind.poses or trial.recording.attrs["frame"] != "tracker":
         return None
-    time = trial.recording["time"].values
-    try:
-        rest_window(trial.grouped)
-    except InputError:
-        last = float(np.ptp(time)) * REST if kind.excitation == "release" else 0.0
-        begin = float(time[-1]) - last if last else float(time[0])
-        return [round(begin, 3), round(begin + max(last, float(time[min(5, len(time) - 1)] - time[0])), 3)]
-    return None
+    return nearest_rest(trial.grouped)
 
 
 def moving_beside(trial: Trial) -> list[str] | None:

@@ -17,11 +17,15 @@ NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment
 
 def camera(out: Lines, trials: Sequence[Trial]) -> None:
     """Write the [camera] table with open questions, if points are in pixels and no file states the scale."""
-    if not any("camera" in trial.assumed for trial in trials):
+    assumed = [trial.assumed["camera"] for trial in trials if "camera" in trial.assumed]
+    if not assumed:
         return
     out.table("camera")
-    out.say("the points are in pixels: until you state these, 30 frames a second and 1 pixel per mm are assumed below")
-    out.ask("rate_hz", "frames a second of the video")
+    timed = "rate_hz" not in assumed[0]
+    out.say(f"the points are in pixels: until you state {'this' if timed else 'these'}, "
+            f"{'' if timed else '30 frames a second and '}1 pixel per mm {'is' if timed else 'are'} assumed below")
+    if not timed:
+        out.ask("rate_hz", "frames a second of the video")
     out.ask("pixels_per_mm", "or state scale, plane or board instead: see docs/your_own_data.md")
 
 
@@ -35,7 +39,7 @@ def mapping_table(out: Lines, inspected: Inspected) -> None:
         out.table("mapping")
         out.say("proposed from names, units, ranges and integer steps of the columns: check it", *guess.notes)
         for name, value in guess.mapping.items():
-            if name == "stations":
+            if name == "stations" or name in inspected.first.assumed:
                 continue
             if name == "rate_hz" and inspected.poses and value == OPEN:
                 out.put(name, 1.0, "the rows are settled poses, whose times have no effect")
@@ -44,8 +48,9 @@ def mapping_table(out: Lines, inspected: Inspected) -> None:
             else:
                 out.put(name, value)
         out.questions += [f"{n}: {q}" for n, q in guess.questions.items() if guess.mapping[n] != OPEN]
-        out.table("mapping.stations")
-        for name, columns in guess.mapping["stations"].items():
+        stations = guess.mapping.get("stations", {})
+        out.table("mapping.stations") if stations else None
+        for name, columns in stations.items():
             out.put(name, columns)
         return
     asked = {k for trial in trials for k in trial.assumed if k != "camera"}

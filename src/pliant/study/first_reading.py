@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
@@ -17,7 +18,7 @@ from pliant.recording.mapping import options_of, refuse_idle
 from pliant.recording.mat import trials_of
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
 from pliant.sensing import read_shape
-from pliant.study.column_guess import TableGuess, guessed_table
+from pliant.study.column_guess import MILLIMETRES, TableGuess, guessed_table
 
 TRACKERS = ("deeplabcut", "sleap")
 MADE_UP = {"rate_hz": 30.0, "pixels_per_mm": 1.0}
@@ -47,13 +48,24 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
                 continue
         if (guess := guessed_table(path, stated)) is None:
             raise
-        return FirstReading(read_shape(path, guess.neutral), {}, guess)
-    if {"pressure", "actuation", "angle"} & set(recording) or "position" not in recording:
+        return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
+    shape = {"position", "angle", "strain"} & set(recording)
+    wrong_scale = not stated and too_large(recording)
+    if shape and not wrong_scale and {"pressure", "actuation", "angle", "strain"} & set(recording):
         return FirstReading(recording, {})
     guess = guessed_table(path, stated)
-    if guess is None or not (guess.has_inputs or guess.trials) or "select" in stated:
+    if guess is None or (shape and not (guess.has_inputs or guess.trials or wrong_scale)) or "select" in stated:
         return FirstReading(recording, {})
-    return FirstReading(read_shape(path, guess.neutral), {}, guess)
+    return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
+
+
+def too_large(recording: xr.Dataset) -> bool:
+    """Return whether positions are too far apart for metres, as where a table states no unit."""
+    if "position" not in recording:
+        return False
+    place = recording["position"].values
+    known = place[np.isfinite(place).all(axis=-1)]
+    return bool(known.size and np.ptp(np.percentile(known, [1, 99], axis=0), axis=0).max() > MILLIMETRES)
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -109,6 +121,8 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
     """
     refuse_idle(mapping, files)
     logs = {file: options for file in files if (options := inputs_alone(file, options_of(file, mapping))) is not None}
+    if len(logs) == len(files):  # a sensor that is logged beside the inputs may show the shape
+        logs = {file: options for file, options in logs.items() if guessed_table(file, options) is None}
     pairs = {file: WithLog(file, options_of(file, mapping)) for file in files if file not in logs}
     for log, options in logs.items():
         shape = shape_of(log, [*pairs])

@@ -18,6 +18,7 @@ from pliant.identification.experiment import Excitation
 from pliant.recording.inputs import recorded_inputs
 from pliant.study.toml_text import Lines
 from pliant.study.trial import LEVEL, RETURNED, Trial
+from pliant.units import METRE, NEWTON, RADIAN
 
 Array = np.ndarray
 STILL = 0.05  # of the displacement between files: a file whose stations move less holds one pose
@@ -32,7 +33,8 @@ ZERO = 0.03  # of an input's highest value, below which it is off
 GOES_ON = 0.5  # of the largest spread of a quarter of a recording: the body moves in the others too
 GROWS = 1.05  # largest displacement of a quarter over that of the quarter before: no vibration that decays
 FEWEST_MOVING = 40  # frames that show how a motion goes on
-TENSION = re.compile(r"(?<![A-Za-z0-9.])(\d+(?:\.\d+)?)[ _-]?N(?![A-Za-z0-9])")
+NAMED = re.compile(r"(?<![A-Za-z0-9.])(\d+(?:\.\d+)?)[ _-]?(N|mN|mm|cm|deg|rad)(?![A-Za-z0-9])")
+OF_TENDONS = {"tension": ("N", NEWTON), "displacement": ("m", METRE), "angle": ("rad", RADIAN)}  # SI unit, known units
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
 
@@ -86,24 +88,38 @@ class PoseOfFile(Kind):
         out.put("poses", "median", "all rows are one settled pose, their median")
         out.put("signal", "commanded", 'no input was recorded; "measured" if you measured it')
         levels = levels_by_name(one.trials)[one.trial.name]
-        out.ask("inputs", "value of each input, SI", levels, levels_comment(one.trial, levels))
+        out.ask("inputs", "value of each input, SI", levels, levels_comment(one, levels))
         out.questions += [f"inputs: {UNIT_OF_INPUTS}"] if "?" in levels.values() else []
 
 
 UNIT_OF_INPUTS = "value of the input that the name of each file states, in N, m, rad or Pa"
 
 
-def levels_comment(trial: Trial, levels: Mapping[str, float | str]) -> str:
+def levels_comment(one: TrialOfDraft, levels: Mapping[str, float | str]) -> str:
     """Return the comment beside the levels of a settled pose."""
-    source = f"the name of the file is {trial.path.stem}"
-    unit = "N" if named_tension(trial) is not None else "Pa"
+    source = f"the name of the file is {one.trial.path.stem}"
+    kind = named_kind(one.trials)
+    unit = OF_TENDONS[kind][0] if kind else "Pa"
     return f"{UNIT_OF_INPUTS}: {source}" if "?" in levels.values() else f"{unit}, {source}"
 
 
-def named_tension(trial: Trial) -> float | None:
-    """Return the tension [N] that the name of a file states, such as m1_2.5N; None if it states none."""
-    named = TENSION.search(trial.path.stem)
-    return float(named[1]) if named else None
+def named_level(trial: Trial) -> tuple[str, float] | None:
+    """Return the kind and the value [SI] of the input of a tendon that the name of a file states, such as m1_2.5N;
+    None if it states none.
+    """
+    stated = NAMED.findall(trial.path.stem)
+    if not stated:
+        return None
+    number, unit = stated[-1]
+    kind, scale = next((kind, units[unit.lower()]) for kind, (_, units) in OF_TENDONS.items() if unit.lower() in units)
+    return kind, float(number) * scale
+
+
+def named_kind(trials: Sequence[Trial]) -> str:
+    """Return the kind of the inputs of tendons that the names of all files state, with different values; else ""."""
+    stated = {named_level(trial) for trial in trials}
+    kinds = {one[0] if one else "" for one in stated}
+    return kinds.pop() if len(kinds) == 1 and len(stated) > 1 else ""
 
 
 def moving_inputs(trial: Trial) -> bool:
@@ -113,8 +129,8 @@ def moving_inputs(trial: Trial) -> bool:
 
 def levels_by_name(trials: Sequence[Trial]) -> dict[str, dict[str, float | str]]:
     """Return the value of each input for each recording, as far as the file names state it: a pressure such as 30kPa
-    [Pa] or a tension such as 2N [N], else "?". A part of the names that few values share, such as m1 and m2, names the
-    inputs; the others are 0.
+    [Pa], a tension such as 2N [N], a displacement such as 3mm [m] or an angle [rad], else "?". A part of the names that
+    few values share, such as m1 and m2, names the inputs; the others are 0.
     """
     parts = [trial.path.stem.split("_") for trial in trials]
     width = min(len(p) for p in parts)
@@ -123,8 +139,10 @@ def levels_by_name(trials: Sequence[Trial]) -> dict[str, dict[str, float | str]]
     labels = naming[0] if naming else ["input"] * len(trials)
     names = list(dict.fromkeys(labels))
     levels: dict[str, dict[str, float | str]] = {}
+    of_tendons = named_kind(trials)
     for trial, label in zip(trials, labels, strict=True):
-        known = trial.highest_pa if LEVEL.search(trial.path.stem) else named_tension(trial)
+        stated = named_level(trial)
+        known = trial.highest_pa if LEVEL.search(trial.path.stem) else stated[1] if stated and of_tendons else None
         levels[trial.name] = {name: 0.0 if name != label else "?" if known is None else known for name in names}
     return levels
 

@@ -1,4 +1,4 @@
-"""Search for a rest at which all stations are labelled, for recordings in which a station appears late."""
+"""Search for a rest in recordings that show none at once: a station appears late, or the body never comes to rest."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from pliant.errors import InputError
 from pliant.preprocessing.cut import cut_time
 from pliant.preprocessing.rest import rest_window
 
+END, CALM = 0.1, 0.5  # last part of a recording, in which a body has nearly come to rest if it moves half as far
+FIRST_FRAMES = 5  # in which a body that is moved at once is still at rest
 NEAR = 0.2  # of the range of the last station's motion: it rests where it rested first
 TRIES = 10
 
@@ -38,4 +40,19 @@ def later_rest(recording: xr.Dataset) -> list[float] | None:
         start = int(np.searchsorted(time, end, side="right")) + 1
         if start >= len(time) - 10:
             return None
+    return None
+
+
+def nearest_rest(recording: xr.Dataset) -> list[float] | None:
+    """Return the times [start, end] [s] at which a body that is never at rest is nearest to it: the end of a decay,
+    else the first frames. None if the body is at rest at some time.
+    """
+    try:
+        rest_window(recording)
+    except InputError:
+        time, tip = recording["time"].values, recording["position"].values[:, -1]
+        last = time > time[-1] - END * (time[-1] - time[0])
+        spread = [float(np.linalg.norm(np.nanstd(part, axis=0))) for part in (tip[last], tip)]
+        calm = time[last] if spread[0] < CALM * spread[1] else time[:FIRST_FRAMES]
+        return [round(float(calm[0]), 3), round(float(calm[-1]), 3)]
     return None

@@ -34,7 +34,7 @@ from pliant.recording.published import PREFIX
 from pliant.recording.schema import append_history, history_of
 from pliant.recording.typed_steps import held_sentences
 from pliant.sensing import read_shape
-from pliant.study.aligned import Aligned, at_common_rest, known_forces, on_one_clock, with_pressure
+from pliant.study.aligned import Aligned, at_common_rest, known_forces, known_values, on_one_clock, with_pressure
 from pliant.study.dense import body_of_fibre
 from pliant.study.doubts import body_warnings, stated_case, unit_warning_first
 from pliant.study.schema import AlignmentEntry, Recording, Study
@@ -268,7 +268,8 @@ def study_experiment(study: Study, name: str, recording: xr.Dataset) -> Experime
     base = alignment_of(recording).base if "alignment" in recording.attrs else "base"
     stations = entry.stations or moving_stations(name, recording, base, settled=bool(entry.poses))
     full = experiment(
-        name, recording, stations=tuple(stations), excitation=entry.excitation, known=entry.known, noise=entry.noise,
+        name, recording, stations=tuple(stations), excitation=entry.excitation,
+        known=known_values(entry, recording), noise=entry.noise,
         angles=entry.angles, held=entry.held, forces=known_forces(entry, recording),
         drive=entry.drive, own_places=entry.own_places, poses=entry.poses, inputs=entry.inputs,
         start=entry.start, warm_up=entry.warm_up,

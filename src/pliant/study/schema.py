@@ -103,6 +103,7 @@ class Recording(StudyEntry):
     allow_low_pressure: bool = False  # a highest pressure below 1 kPa is right, not a wrong unit
     stations: list[str] | None = None  # stations to compare with, in order, tip last
     known: dict[str, float] = {}  # parameters of this recording alone, SI
+    gravity: list[float] | None = None  # m/s^2, of this recording, in the axes of gravity in [actuator]
     noise: dict[str, float] = {}  # m, standard deviation of a station's coordinates, if known
     drive: dict[str, str | int] = {}  # chamber of the model -> chamber of the recording, by name or index from 0
     poses: bool | Literal["median"] = False  # each row is a settled pose; "median": all rows are one, their median

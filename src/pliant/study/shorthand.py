@@ -1,7 +1,7 @@
 """Text of a study file before its entries are checked: abbreviations, and open questions marked "?".
 
-The abbreviations are `[recordings.defaults]`, one entry for many trials, and a fit like another. They are expanded
-before the file is checked. The study that a run writes is the expanded one.
+The abbreviations are `[recordings.defaults]`, `[actuator.tendon_defaults]`, one entry for many trials, and a fit like
+another. They are expanded before the file is checked. The study that a run writes is the expanded one.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 from pliant.errors import InputError, shown
 
 Table = dict[str, Any]
-DEFAULTS = "defaults"
+DEFAULTS, TENDON_DEFAULTS = "defaults", "tendon_defaults"
 OPEN = "?"
 
 
@@ -30,6 +30,8 @@ def expanded(content: Any) -> Any:
         return content  # the schema reports the error
     content = dict(content)
     groups: dict[str, list[str]] = {}
+    if isinstance(content.get("actuator"), Mapping):
+        content["actuator"] = all_tendons(content["actuator"])
     if tables(content.get("recordings")):
         content["recordings"], groups = all_recordings(content["recordings"])
     if tables(fits := content.get("fits")):
@@ -61,6 +63,19 @@ def merged(shared: Mapping[str, Any], own: Mapping[str, Any]) -> Table:
         old = both.get(key)
         both[key] = merged(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
     return both
+
+
+def all_tendons(actuator: Mapping[str, Any]) -> Table:
+    """Return the table of an actuator with its tendons completed by the entries that they share."""
+    shared = actuator.get(TENDON_DEFAULTS)
+    tendons = actuator.get("tendons")
+    if shared is None:
+        return dict(actuator)
+    if not isinstance(shared, Mapping) or not isinstance(tendons, list):
+        raise InputError(f"[actuator.{TENDON_DEFAULTS}] is a table of entries that the tendons [[actuator.tendons]] "
+                         "share: add the tendons, or remove it")
+    whole = [merged(shared, one) if isinstance(one, Mapping) else one for one in tendons]
+    return {**{k: v for k, v in actuator.items() if k != TENDON_DEFAULTS}, "tendons": whole}
 
 
 def all_recordings(listed: Mapping[str, Table]) -> tuple[dict[str, Table], dict[str, list[str]]]:

@@ -28,7 +28,7 @@ from pliant.study.aligned import with_log
 from pliant.study.column_guess import TableGuess
 from pliant.study.doubts import unit_warning_first
 from pliant.study.first_reading import FirstReading, WithLog, read_or_guess, several
-from pliant.study.later_rest import later_rest
+from pliant.study.later_rest import FIRST_FRAMES, later_rest, nearest_rest
 from pliant.study.plates import RIGID_M, UNNAMED, rigid, rigid_clusters
 from pliant.units import PASCAL, pascal_per
 
@@ -37,7 +37,6 @@ MOVED_PLATE = 5.0  # of RIGID_M: a plate that moves farther shows that its marke
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
 DRIVEN = 0.05  # of the widest pressure range: a pressure with a smaller range drives nothing
 NO_BASE = "no station shows where the base is: state origin and tangent"
-FIRST_FRAMES = 5  # in which a body that is moved at once is still at rest
 RETURNED = 0.3  # of the peak displacement: a body that ends below this has returned
 
 
@@ -225,7 +224,7 @@ def inspect_guessed(trial: Trial, guess: TableGuess, number: int | None = None) 
     column = guess.trials[0] if guess.trials else ""
     select = {} if number is None else {"select": {"column": column, "value": number}}
     recording = read_shape(trial.path, {**guess.neutral, **select})
-    return inspect_reading(trial.files, FirstReading(recording, {}, guess), number)
+    return inspect_reading(trial.files, FirstReading(recording, guess.assumed, guess), number)
 
 
 def inspect_trial(
@@ -275,7 +274,10 @@ def inspect_reading(files: WithLog, reading: FirstReading, number: int | None = 
     trial = Trial(files.shape, recording, assessed, files.options, assumed=assumed, log=files.log, number=number,
                   log_mapping=files.log_options, part=files.trial, guess=guess)  # fmt: skip
     if trial.angles_only:
-        return replace(trial, aligned=from_rest(recording))
+        try:
+            return replace(trial, aligned=from_rest(recording))
+        except InputError as error:
+            return replace(trial, problem=str(error))
     if recording.attrs["frame"] != "tracker":
         return replace(trial, aligned=recording)
     trial = replace(trial, stations={} if guess is not None and guess.numbered else rigid_clusters(recording))
@@ -294,8 +296,11 @@ def with_alignment(trial: Trial, *, space: bool = False, rest: tuple[float, floa
             aligned = align(trial.grouped, **{"rest": rest, **trial.options}, space=space)
             return replace(trial, aligned=aligned, problem="")
     except InputError as error:
-        if rest is None and "rest" not in trial.options and (later := later_rest(trial.grouped)):
-            return with_alignment(replace(trial, options={**trial.options, "rest": later}), space=space)
+        if rest is None and "rest" not in trial.options and (
+            calm := later_rest(trial.grouped) or (
+                None if recorded_inputs(trial.recording) else nearest_rest(trial.grouped))
+        ):
+            return with_alignment(replace(trial, options={**trial.options, "rest": calm}), space=space)
         return replace(trial, aligned=None, problem=str(error))
 
 

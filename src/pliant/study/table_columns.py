@@ -1,0 +1,137 @@
+"""Numbers of a text table that nobody described, and the stations and sensors that the names of its columns show."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pliant.errors import InputError
+from pliant.recording.cells import ends_alike, is_time_of_day, with_seconds, without_trailing
+from pliant.recording.column_names import base_to_tip, standard_names, stations_of
+from pliant.recording.tables import (
+    DELIMITERS,
+    holds_number,
+    parse_numbers,
+    preamble_of,
+    read_text,
+    split_cells,
+    without_text,
+)
+from pliant.recording.units_row import with_units
+from pliant.units import METRE
+
+Array = np.ndarray
+WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
+NO_PLACE = {"acc", "accel", "gyro", "mag", "vel", "velocity", "force", "moment", "torque", "rot", "euler", "imu"}
+TURNING = {"q", "quat", "quaternion", "orientation"}
+SENSED = re.compile(r"(?:(?P<owner>.+?)_)?(?:imu_)?(?:(?P<turn>q|quat|quaternion|orientation|ori|rot)|a|acc|accel|"
+                    r"acceleration|linear_acceleration|g|grav|gravity)_?(?P<axis>[xyzw])(?:_m_s_?2?)?")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PlainTable:
+    """Numbers (T, C) of a text table, the names of its columns ([] without a header) and its delimiter."""
+
+    names: list[str]
+    values: Array
+    delimiter: str
+
+    def changes(self, k: int) -> bool:
+        """Return whether column k changes."""
+        known = self.values[np.isfinite(self.values[:, k]), k]
+        return bool(known.size and np.ptp(known) > 0)
+
+    def whole(self, k: int) -> bool:
+        """Return whether column k holds whole numbers alone."""
+        known = self.values[np.isfinite(self.values[:, k]), k]
+        return bool(known.size and (known == np.rint(known)).all())
+
+
+def plain_table(path: Path) -> PlainTable | None:
+    """Return the numbers of a text table whose first row may name its columns; None if it has fewer than 3 rows."""
+    lines = [line for line in read_text(path).split("\n") if line.strip() and not line.startswith("#")]
+    lines = lines[preamble_of(lines) :]
+    if len(lines) < 3:
+        return None
+    delimiter = next((d for d in DELIMITERS if d in lines[0]), None)
+    lines, _ = with_units(lines, 0, delimiter, path.name)
+    first = split_cells(lines[0], delimiter)
+    if first[-1] == "" and ends_alike(lines, delimiter):
+        first.pop()
+    names = first if not any(holds_number(cell) for cell in first if cell) else []
+    rows, _ = without_trailing(lines[1:] if names else lines, delimiter, len(first), path.name)
+    for k, cell in enumerate(split_cells(next(row for row in rows if row), delimiter)):
+        if is_time_of_day(cell):
+            rows, _ = with_seconds(rows, delimiter, k, path.name)
+    rows = without_text(rows, delimiter, (), len(first)) if names else rows
+    values = parse_numbers(rows, name=path.name, first_line=1, delimiter=delimiter, columns=len(first))
+    return PlainTable(names, values, delimiter or "space")
+
+
+def words_of(name: str) -> list[str]:
+    """Return the words and numbers of a column name in lower case: servo_4_mm gives servo, 4, mm."""
+    return [word.lower() for word in WORD.findall(name)]
+
+
+def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
+    """Return the stations whose x, y and z (and quaternion) columns the names show: name -> column indices."""
+    parts: dict[str, dict[str, int]] = {}
+    for k, name in enumerate(names):
+        words = [w for w in words_of(name) if w not in METRE or w in ("m", "in")]
+        axis = axis_of(words)
+        if axis and not NO_PLACE & set(words):
+            owner = "_".join(w for w in words if w not in {*axis, axis, *TURNING, "position", "pos", "pose"})
+            parts.setdefault(owner, {}).setdefault(axis, k)
+    stations = {}
+    for owner, at in parts.items():
+        if all(a in at for a in "xyz"):
+            title = f"p{owner}" if owner.isdigit() else owner or "tip"
+            stations[title] = {"position": [at[a] for a in "xyz"]}
+            if all(f"q{a}" in at for a in "xyzw"):
+                stations[title]["quaternion"] = [at[f"q{a}"] for a in "xyzw"]
+    return {title: stations[title] for title in base_to_tip([*stations])}
+
+
+def stations_by_standard(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
+    """Return the stations whose columns other spellings name, such as tipX or m0x [mm]: name -> column indices."""
+    try:
+        renamed = standard_names(list(names), "the table").names
+    except InputError:
+        return {}
+    listed = stations_of(renamed, [str(k) for k in range(len(names))])
+    return {f"p{name[1:]}" if name[1:].isdigit() else name: {
+        part: [int(k) for k in columns] for part, columns in at.items()} for name, at in listed.items()}  # fmt: skip
+
+
+def sensors_by_name(table: PlainTable) -> dict[str, list[int]]:
+    """Return the sensors of a table without positions, by their name: the columns of the three components of an
+    acceleration, or of the four of a quaternion.
+    """
+    kinds: dict[str, dict[str, dict[str, int]]] = {"xyz": {}, "xyzw": {}}
+    for k, name in enumerate(table.names):
+        words = words_of(name.partition("[")[0].removesuffix("_g"))
+        last = SENSED.fullmatch("_".join(words))
+        if last and (axis := last["axis"]):
+            parts = "xyzw" if last["turn"] else "xyz"
+            kinds[parts].setdefault(last["owner"] or "tip", {})[axis] = k
+    for parts in ("xyzw", "xyz"):
+        whole = {owner: [at[a] for a in parts] for owner, at in kinds[parts].items() if set(at) == set(parts)}
+        if whole:
+            return whole
+    return {}
+
+
+def axis_of(words: Sequence[str]) -> str:
+    """Return x, y, z, qx, qy, qz or qw if the words of a column name state one coordinate, else ""."""
+    turning = bool(TURNING & set(words))
+    for word in words:
+        if word in ("qx", "qy", "qz", "qw"):
+            return word
+    letters = [w for w in words if w in ("x", "y", "z", "w")]
+    if len(letters) != 1:
+        return ""
+    return f"q{letters[0]}" if turning or letters[0] == "w" else letters[0]

@@ -1,0 +1,55 @@
+"""Cells that tables of laboratories hold beside numbers: quoted ones with delimiters, and rows that end with one."""
+
+from __future__ import annotations
+
+import pytest
+
+from pliant.errors import InputError
+from pliant.recording import read
+from pliant.recording.column_names import base_to_tip
+from pliant.recording.units_row import with_units
+
+MAPPING = {"time": "t", "length_unit": "m", "stations": {"tip": {"position": ["x", "y", "z"]}}}
+
+
+def test_a_quoted_delimiter_stays_in_its_cell_where_marks_are_gaps(tmp_path):
+    rows = [f'"{0.1 * k:.1f}","{0.01 * k:.2f}","0.0","0.1","ok, fine"' for k in range(6)]
+    rows[3] = '"0.3","MISSING","MISSING","MISSING","lost, again"'
+    (tmp_path / "a.csv").write_text('"t","x","y","z","note"\n' + "\n".join(rows) + "\n")
+    recording = read(tmp_path / "a.csv", mapping={**MAPPING, "na": ["MISSING"]})
+    assert recording["position"].isnull().all(("station", "axis")).values.tolist() == [False] * 3 + [True] + [False] * 2
+
+
+def test_rows_without_a_header_may_end_with_a_delimiter(tmp_path):
+    (tmp_path / "a.txt").write_text("".join(f"{0.1 * k:.1f}\t0.0\t{0.01 * k:.2f}\t0.1\t\n" for k in range(6)))
+    mapping = {"time": 0, "length_unit": "m", "stations": {"tip": {"position": [1, 2, 3]}}}
+    assert read(tmp_path / "a.txt", mapping=mapping).sizes["time"] == 6
+
+
+def test_a_mapping_names_columns_without_the_units_below_them(tmp_path):
+    (tmp_path / "a.csv").write_text("t,x,y,z\ns,mm,mm,mm\n" + "".join(f"{k},0,{k},100\n" for k in range(6)))
+    recording = read(tmp_path / "a.csv", mapping={**MAPPING, "length_unit": "mm"})
+    assert float(recording["position"].max()) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("below", ["1,2,3", "s,2,mm", "s,mm", "open,closed,shut", ""])
+def test_a_row_that_is_no_row_of_units_stays(below):
+    lines = ["t,x,y", below, "1,2,3"]
+    assert with_units(lines, 0, ",", "a.csv") == (lines, [])
+
+
+def test_stations_go_from_base_to_tip_by_their_names():
+    assert base_to_tip(["tip", "mid", "BasePlate"]) == ["BasePlate", "mid", "tip"]
+    assert base_to_tip(["p2", "p1"]) == ["p2", "p1"]
+
+
+def test_pixels_without_a_scale_are_no_metres(tmp_path):
+    (tmp_path / "a.csv").write_text("t,tip_x_px,tip_y_px\n" + "".join(f"{k},{k},5\n" for k in range(6)))
+    with pytest.raises(InputError, match=r"a.csv are in pixels.*camera = \{ pixels_per_mm"):
+        read(tmp_path / "a.csv")
+
+
+def test_a_stated_unit_of_time_is_not_replaced_by_that_of_a_name(tmp_path):
+    (tmp_path / "a.csv").write_text("time,x_tip,y_tip\n" + "".join(f"{20 * k},{k},5\n" for k in range(6)))
+    recording = read(tmp_path / "a.csv", mapping={"time_unit": "ms", "length_unit": "mm"})
+    assert recording["time"].values.tolist() == pytest.approx([0.02 * k for k in range(6)])
