@@ -13,7 +13,8 @@ from pliant.identification.fit import fit
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.selection.first_model import Entry, beginning
-from pliant.selection.fitted import FitSetting, FittedModel, fitted
+from pliant.selection.fitted import FitSetting, FittedModel, fitted, tried_step
+from pliant.selection.settled import fit_from_settled_shapes, follows_at_once
 from pliant.selection.slow import slow_body
 from pliant.selection.terms import Term
 
@@ -27,7 +28,7 @@ def first_model(
     """Return the setting of all fits of a search, the fitted model with which it begins, and the terms that this model
     has already.
     """
-    setting = FitSetting(tuple(train), 0.0, how["weighting"], how["loss"])
+    setting = FitSetting(tuple(train), 0.0, how["weighting"], how["loss"], how["time_step"] is not None)
     slow = slow_body(setting, model)
     if slow is not None:
         notify(slow.sentence)
@@ -40,9 +41,22 @@ def first_model(
             if together := findings_of_chambers(begun[1].free, model, train):
                 notify(f"warning: {together}")
             return begun
-    first = first_fit(train, model, beginning(model, train, common), how, notify)
-    setting = replace(setting, time_step=first.time_step)
-    return setting, fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0), []
+    if model.space is not None and follows_at_once(train, model):
+        notify("the body follows its inputs at once: settled shapes come first")
+        try:
+            setting, first = fit_from_settled_shapes(setting, model, common, how["time_step"])
+        except PliantError as error:
+            notify(f"warning: the search does not begin with settled shapes: {error}")
+        else:
+            return setting, first, []
+    best = first_fit(train, model, beginning(model, train, common), how, notify)
+    setting = replace(setting, time_step=best.time_step)
+    first = fitted(setting, best.model, [replace(p, std=None) for p in best.parameters], evaluations=0)
+    step = best.time_step if setting.stated_step else tried_step(first, best.time_step)
+    if step > best.time_step:
+        setting = replace(setting, time_step=step)
+        first = fitted(setting, first.model, first.parameters, evaluations=0)
+    return setting, first, []
 
 
 def first_fit(
