@@ -30,7 +30,7 @@ from pliant.identification.uncertainty import Covariance, covariance, informatio
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.simulation import modes
-from pliant.simulation.solve import check_step, longest_step
+from pliant.simulation.solve import check_step, longest_allowed_step
 
 if TYPE_CHECKING:  # an optimiser is imported when one runs
     from scipy.optimize import OptimizeResult
@@ -179,7 +179,7 @@ def first_problem(
     model, filled = searched(experiments, model, parameters, time_step or LONGEST, weighting)
     if not any(p.free for p in filled):
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
-    step = time_step or min(fit_step(model, values_of(filled), experiments), longest_step(model))
+    step = time_step or min(fit_step(model, values_of(filled), experiments), longest_allowed_step(model))
     check_step(model, step, "midpoint")
     return Problem(list(experiments), model, filled, step, weighting, prior)
 

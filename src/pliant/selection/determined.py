@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from pliant.errors import PliantError
 from pliant.identification.experiment import Experiment
 from pliant.identification.result import FitResult
 from pliant.model import Model
+from pliant.selection.fitted import FittedModel
 from pliant.selection.terms import Term, terms_for
 
 DETERMINED = 0.5  # standard error over value above which a parameter is not determined: its 95 % interval holds zero
@@ -46,3 +49,23 @@ def undetermined_terms(result: FitResult, train: Sequence[Experiment], model: Mo
     except PliantError:  # inputs that never move have no terms
         return {}
     return {n: text for t in terms for n, text in undetermined(result.values, free, t).items() if n in t.null}
+
+
+def at_bounds(fit: FittedModel, term: Term) -> list[str]:
+    """Return the free parameters of a term that end at a bound which is not the value without effect."""
+    values = fit.values
+    return [p.name for p in fit.problem.free if p.name in {a.name for a in term.adds} and not p.shrink
+            and values[p.name] in (p.lower, p.upper) and values[p.name] != term.null.get(p.name)]  # fmt: skip
+
+
+def cost_without(fit: FittedModel, term: Term) -> float:
+    """Return the cost that the linearised model leaves with the parameters of a term at their null values."""
+    names = {p.name for p in term.adds}
+    mine = [k for k, name in enumerate(fit.free) if name in term.null]
+    keep = [k for k, name in enumerate(fit.free) if name not in names]
+    away = np.array([term.null[fit.free[k]] for k in mine]) / fit.problem.scale[mine] - fit.x[mine]
+    residual, jacobian = fit.linear.whole
+    moved = residual + jacobian[:, mine] @ away
+    basis = np.linalg.qr(jacobian[:, keep])[0]
+    left = moved - basis @ (basis.T @ moved)
+    return 0.5 * float(left @ left)

@@ -12,24 +12,28 @@ import numpy as np
 
 from pliant.errors import FitError
 from pliant.identification.experiment import Experiment
+from pliant.identification.fit_step import fit_step
 from pliant.identification.initial_guess import prepare
 from pliant.identification.optimise import solve
-from pliant.identification.parameters import Parameter
+from pliant.identification.parameters import Parameter, apply
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import Observations
 from pliant.identification.uncertainty import covariance
 from pliant.model import Model
 from pliant.shapes import Float
+from pliant.simulation.solve import longest_allowed_step
 
 Array = np.ndarray
 TOLERANCE = 1e-5  # relative change of the cost at which a fit of the search stops: far below what decides
 EVALUATIONS = 40
+STEPS = (0.05, 0.02, 0.01, 0.005, 0.002)  # s, time steps that are tried
+STEP_ERROR = 0.05  # % of the peak displacement: what halving the time step may change
 
 
 @dataclass(frozen=True)
 class FitSetting:
-    """What all fits of a search share: recordings, time step [s], weighting and loss of the residuals, and the highest
-    number of evaluations.
+    """What all fits of a search share: recordings, time step [s], weighting and loss of the residuals, the highest
+    number of evaluations, and whether the time step is stated, so that it is not chosen.
     """
 
     experiments: tuple[Experiment, ...]
@@ -37,6 +41,7 @@ class FitSetting:
     weighting: str = "travel"
     loss: str = "linear"
     evaluations: int = EVALUATIONS
+    stated_step: bool = False
 
     def problem(self, model: Model, parameters: Sequence[Parameter]) -> Problem:
         """Return the least-squares problem of a model with observed points and of parameters with start values."""
@@ -171,6 +176,40 @@ class FittedModel:
         Counted are positions or, in recordings without any, angles.
         """
         return {o.exp.name: percent_of(o, part) for o, part in self.problem.parted(residual)}
+
+
+def frame_spacing(experiments: Sequence[Experiment]) -> float:
+    """Return the shortest median time [s] between the frames of experiments of motion."""
+    return min(float(np.median(np.diff(e.time))) for e in experiments if not e.poses and e.time.size > 1)
+
+
+def tried_step(fit: FittedModel, shortest: float) -> float:
+    """Return the longest of `STEPS` [s], no longer than the time between frames or than the first mode allows, whose motion differs from that with
+    half of it by at most 0.05 % of the peak displacement (RMS) in every recording; `shortest` where none does.
+    """
+    longest = min(frame_spacing(fit.problem.experiments), longest_allowed_step(apply(fit.model, fit.values)))
+    tried = (step for step in STEPS if shortest < step <= longest)
+    return next((step for step in tried if step_error(fit, step) <= STEP_ERROR), shortest)
+
+
+def with_checked_step(fit: FittedModel, setting: FitSetting) -> Problem:
+    """Return the problem of a fit, with a shorter time step if halving its own changes the motion by more than 0.05 %
+    of the peak displacement and no step is stated.
+    """
+    problem = fit.problem
+    if setting.stated_step or step_error(fit, problem.time_step) <= STEP_ERROR:
+        return problem
+    shortest = min(fit_step(fit.model, fit.values, problem.experiments), problem.time_step)
+    return problem.with_time_step(tried_step(fit, shortest))
+
+
+def step_error(fit: FittedModel, step: float) -> float:
+    """Return the largest difference (RMS, % of peak displacement) that halving a time step [s] makes in a recording;
+    inf where the model cannot be simulated.
+    """
+    whole, half = (fit.problem.with_time_step(h) for h in (step, 0.5 * step))
+    change = whole.data_residual(fit.x) - half.data_residual(fit.x)
+    return float("inf") if whole.broken or half.broken else max(fit.percent(change).values())
 
 
 def percent_of(observed: Observations, residual: Array) -> float:

@@ -18,9 +18,9 @@ from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.options import with_defaults
 from pliant.selection.criterion import MATERIAL, groups_of, left_out, noise_of, score_of
-from pliant.selection.determined import undetermined
+from pliant.selection.determined import at_bounds, cost_without, undetermined
 from pliant.selection.first_model import Entry, determined
-from pliant.selection.fitted import EVALUATIONS, FitSetting, FittedModel, fitted
+from pliant.selection.fitted import EVALUATIONS, FitSetting, FittedModel, fitted, with_checked_step
 from pliant.selection.result import ModelSelection, RivalModel, SelectionStep, TriedTerm
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
@@ -118,7 +118,8 @@ def select_model(
         setting, parent, chosen = first_model(train, model, common, terms, how, notify)
         given = model.with_(stations=parent.model.stations)
         return Search(setting, given, determined(parent, setting), terms, began, deadline, notify, file, chosen).run()
-    setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"])
+    stated = how["time_step"] is not None
+    setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"], stated_step=stated)
     chosen = [t for name in state.terms for t in terms if t.name == name]
     longer = model
     for term in chosen:
@@ -394,7 +395,7 @@ class Search:
 
     def final_fit(self) -> FitResult:
         """Return the chosen model, fitted until it converges."""
-        problem, began = self.best.problem, clock.perf_counter()
+        problem, began = with_checked_step(self.best, self.setting), clock.perf_counter()
         evaluations = self.affordable(LAST_EVALUATIONS)
         best = solve(problem, self.best.x, self.setting.loss, evaluations)
         for _ in range(2 if problem.learns else 0):
@@ -425,23 +426,3 @@ class Search:
         stop += "".join(f"; not determined, but needed: {n} ({v})" for n, v in vague.items())
         return (f"{names}: left-out parts of the training recordings are predicted with {last:.3g} % of the peak "
                 f"displacement ({first:.3g} % without these terms); {stop}")
-
-
-def at_bounds(fit: FittedModel, term: Term) -> list[str]:
-    """Return the free parameters of a term that end at a bound which is not the value without effect."""
-    values = fit.values
-    return [p.name for p in fit.problem.free if p.name in {a.name for a in term.adds} and not p.shrink
-            and values[p.name] in (p.lower, p.upper) and values[p.name] != term.null.get(p.name)]  # fmt: skip
-
-
-def cost_without(fit: FittedModel, term: Term) -> float:
-    """Return the cost that the linearised model leaves with the parameters of a term at their null values."""
-    names = {p.name for p in term.adds}
-    mine = [k for k, name in enumerate(fit.free) if name in term.null]
-    keep = [k for k, name in enumerate(fit.free) if name not in names]
-    away = np.array([term.null[fit.free[k]] for k in mine]) / fit.problem.scale[mine] - fit.x[mine]
-    residual, jacobian = fit.linear.whole
-    moved = residual + jacobian[:, mine] @ away
-    basis = np.linalg.qr(jacobian[:, keep])[0]
-    left = moved - basis @ (basis.T @ moved)
-    return 0.5 * float(left @ left)

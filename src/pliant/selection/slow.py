@@ -89,11 +89,15 @@ def left_by(columns: Sequence[Array], moved: Array) -> float:
     return float(np.sum((moved - A @ np.linalg.lstsq(A, moved, rcond=1e-6)[0]) ** 2))
 
 
-def settled(exp: Experiment, constant: float) -> Experiment:
-    """Return up to `FRAMES` frames of an experiment as settled shapes under its inputs behind a lag [s]."""
+def settled(exp: Experiment, constant: float = 0.0) -> Experiment:
+    """Return up to `FRAMES` frames of an experiment as settled shapes under its inputs, behind a lag [s] if there is
+    one.
+    """
     seen = np.flatnonzero(np.isfinite(exp.compared).all(axis=(1, 2)))
     rows = seen[np.unique(np.linspace(0, seen.size - 1, FRAMES).astype(int))]
-    (behind,) = behind_lags(exp.time, list(exp.traces.values()), [constant])
+    sources = list(exp.traces.values())
+    behind = (behind_lags(exp.time, sources, [constant])[0] if constant
+              else np.stack([one(exp.time) for one in sources], axis=1))
     traces = {name: Trace(exp.time[rows], behind[rows, k]) for k, name in enumerate(exp.traces)}
     few = replace(exp, start=AtRest(), warm_up=0.0).of_frames(np.isin(np.arange(exp.time.size), rows))
     return replace(few, poses=True, drives={n: t for n, t in traces.items() if n}, pressure=next(iter(traces.values())))

@@ -13,7 +13,8 @@ from pliant.identification.fit import fit
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.selection.first_model import Entry, beginning
-from pliant.selection.fitted import FitSetting, FittedModel, fitted
+from pliant.selection.fitted import FitSetting, FittedModel, fitted, tried_step
+from pliant.selection.settled import fit_from_settled_shapes, follows_at_once
 from pliant.selection.slow import SlowBody, slow_body
 from pliant.selection.terms import Term
 
@@ -28,7 +29,8 @@ def first_model(
     """Return the setting of all fits of a search, the fitted model with which it begins, and the terms that this model
     has already.
     """
-    setting = FitSetting(tuple(train), 0.0, how["weighting"], how["loss"])
+    stated = how["time_step"] is not None
+    setting = FitSetting(tuple(train), 0.0, how["weighting"], how["loss"], stated_step=stated)
     slow = slow_body(setting, model)
     if slow is not None:
         notify(slow.sentence)
@@ -36,9 +38,33 @@ def first_model(
             if together := findings_of_chambers(begun[1].free, model, train):
                 notify(f"warning: {together}")
             return begun
-    first = first_fit(train, model, beginning(model, train, common), how, notify)
-    setting = replace(setting, time_step=first.time_step)
-    return setting, fitted(setting, first.model, [replace(p, std=None) for p in first.parameters], evaluations=0), []
+    if begun := quick_start(setting, setting, model, common, how["time_step"], notify):
+        return begun
+    best = first_fit(train, model, beginning(model, train, common), how, notify)
+    setting = replace(setting, time_step=best.time_step)
+    first = fitted(setting, best.model, [replace(p, std=None) for p in best.parameters], evaluations=0)
+    step = best.time_step if stated else tried_step(first, best.time_step)
+    if step > best.time_step:
+        setting = replace(setting, time_step=step)
+        first = fitted(setting, first.model, first.parameters, evaluations=0)
+    return setting, first, []
+
+
+def quick_start(
+    whole: FitSetting, setting: FitSetting, model: Model, common: Sequence[Entry], time_step: float | None,
+    notify: Notify,
+) -> Begun | None:
+    """Return what `first_model` returns for a body in space that follows its inputs at once in the recordings of
+    `whole`, fitted to those of `setting`; None if it does not, or with a warning if that start cannot be simulated.
+    """
+    if model.space is None or not follows_at_once(whole.experiments, model):
+        return None
+    notify("the body follows its inputs at once: settled shapes come first")
+    try:
+        return (*fit_from_settled_shapes(setting, model, common, time_step), [])
+    except PliantError as error:
+        notify(f"warning: the search does not begin with settled shapes: {error}")
+        return None
 
 
 def slow_start(

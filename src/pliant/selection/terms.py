@@ -17,6 +17,7 @@ from pliant.model import ActuationInput, Extension, Model
 
 NO_SHARE = 1e-6  # fraction or coefficient at which hysteresis, friction or a late part of the pressure has no effect
 NO_FORCE = 1e-6  # N at which the friction of a tendon has no effect
+REST = 0.1  # rad, of a joint: standard deviation of the rest turn about that of the model
 WIDE = 0.5  # of an input's highest value, down to which it must come to show the curvature of its torque law
 GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
 TERMS = {  # the names of all terms, and what they add
@@ -24,11 +25,14 @@ TERMS = {  # the names of all terms, and what they add
     "softening": "springs that soften or stiffen, within a bound",
     "cubic": "springs that stiffen with the square of the bend",
     "directions": "another stiffness about y, in space",
+    "rest": "a body that is bent at rest, in space",
     "creep": "creep",
     "creep_2": "a second creep branch",
     "slip": "internal friction",
     "tendon_friction": "friction along the tendons",
     "entry_friction": "friction of tendons where they enter the body",
+    "imbalance": "pretensions that differ within a pair of tendons",
+    "taper": "tendons that converge",
     "axial_creep": "creep of the length",
     "torque_2": "curvature of the torque law",
     "torque_3": "odd cubic torque law",
@@ -172,6 +176,9 @@ def springs(model: Model) -> Iterator[Term]:
     if model.space is not None:
         yield term("directions", "", [Parameter("stiffness_ratio", 1.0)],
                    {"stiffness_ratio": model.space.stiffness_ratio})
+        turns = {f"rest_turn_{axis}_{i + 1}": float(turn) for i, row in enumerate(model.space.rest_of(model.n))
+                 for axis, turn in zip("xy", row, strict=False)}  # fmt: skip
+        yield term("rest", "", [Parameter(n, v, prior=v, prior_std=REST) for n, v in turns.items()], turns)
 
 
 def relaxation(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
@@ -184,9 +191,20 @@ def relaxation(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
     if model.actuation.tendons:
         yield term("tendon_friction", "", [Parameter("friction", 0.1)], {"friction": NO_SHARE})
         yield term("entry_friction", "", [Parameter("entry_friction", 0.05)], {"entry_friction": NO_FORCE})
+        yield from paths_of_tendons(model)
     if mechanics_of(model).lengthens or longer:
         yield branch("axial_creep", "", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0),
                      needs=next((t.name for t in longer), ""))  # fmt: skip
+
+
+def paths_of_tendons(model: Model) -> Iterator[Term]:
+    """Yield unequal pretensions within pairs of tendons, and tendons that converge along the body."""
+    cords = [(start, c) for start, c in zip(prefixes(model), model.chambers, strict=True) if c.signs]
+    unequal = [f"{start}imbalance" for start, c in cords if c.uses("imbalance")]
+    if unequal:
+        yield term("imbalance", "", [Parameter(n, 0.0) for n in unequal], dict.fromkeys(unequal, 0.0))
+    if not any(getattr(c, "taper", 0.0) for _, c in cords):
+        yield term("taper", "", [Parameter("taper", 0.0)], {"taper": 0.0})
 
 
 def branch(name: str, owner: str, share: str, inner: str, grid: Sequence[float], **options: Any) -> Term:

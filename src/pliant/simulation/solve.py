@@ -321,7 +321,7 @@ def output_times(duration: float | None, times: Array | None, time_step: float |
     return np.linspace(0.0, duration, max(2, round(duration / time_step) + 1))
 
 
-def longest_step(model: Model) -> float:
+def longest_allowed_step(model: Model) -> float:
     """Return the longest step [s] that resolves the first mode of vibration of a model."""
     return float(1.0 / (STEPS_PER_PERIOD * state.modes(model)[0][0]))
 
@@ -338,7 +338,7 @@ def check_step(model: Model, time_step: float | None, method: str) -> None:
         raise InputError(f"unknown method {method!r}: use {', '.join((*OWN_METHODS, *METHODS))}")
     if time_step is None:
         return
-    longest = longest_step(model)
+    longest = longest_allowed_step(model)
     if time_step > longest:
         first = 1.0 / (STEPS_PER_PERIOD * longest)
         raise InputError(

@@ -8,6 +8,7 @@ import json
 import time as clock
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -24,7 +25,7 @@ from pliant.selection.first_model import beginning
 from pliant.selection.fitted import FitSetting
 from pliant.selection.search import MINUTES
 from pliant.selection.slow import slow_body
-from pliant.selection.start import slow_start
+from pliant.selection.start import quick_start, slow_start
 from pliant.study.draft_tables import down
 from pliant.study.inspected import Inspected
 from pliant.study.prepare import without
@@ -121,7 +122,8 @@ def start_of_search(
     """Return the problem of the first model of a search on `train`, with the recordings cut `short`, and its scaled
     parameters (P,) after one step of each fit that leads there.
 
-    A body that follows its inputs slowly begins as in a run, from its settled shapes. Raises FitError as `first_step`.
+    A body that follows its inputs slowly, or at once in space, begins as in a run, from its settled shapes. Raises
+    FitError as `first_step`.
     """
     common = parameters_from(entry.common)
     setting = FitSetting(tuple(train), 0.0, entry.weighting, entry.loss)
@@ -129,6 +131,9 @@ def start_of_search(
         terms = terms_for(model, train, only=entry.terms, without=entry.without)
         if begun := slow_start(slow.briefly(short), model, common, terms, study.time_step, lambda _line: None):
             return begun[1].problem, begun[1].x
+    brief = replace(setting, experiments=tuple(short), evaluations=1)
+    if begun := quick_start(setting, brief, model, common, study.time_step, lambda _line: None):
+        return begun[1].problem, begun[1].x
     first = beginning(model, short, common)
     problem = first_problem(short, model, first, study.time_step, entry.weighting)
     starts_of(problem, 1, np.random.default_rng(study.seed))

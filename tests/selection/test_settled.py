@@ -1,0 +1,83 @@
+"""Bodies in space that follow their inputs at once: the first model from settled shapes, and the step of its motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from pliant.identification import Experiment
+from pliant.model import Chamber, Model, Station, chain_model
+from pliant.selection import select_model
+from pliant.selection.fitted import FitSetting, fitted, tried_step, with_checked_step
+from pliant.selection.settled import follows_at_once
+from pliant.simulation import Trace, simulate
+
+TIMES = np.arange(0.0, 12.0, 0.05)
+NOISE = 2e-5  # m
+
+
+def ramps(rng: np.random.Generator) -> Trace:
+    """Lines between random levels, one each 1.5 s."""
+    edges = np.arange(0.0, 13.0, 1.5)
+    return Trace(edges, rng.uniform(1e4, 6e4, edges.size))
+
+
+def arm(**changes) -> Model:
+    chambers = [Chamber(torque=[1e-6], joint_gain=np.ones(2), name="left"),
+                Chamber(torque=[1e-6], joint_gain=np.zeros(2), cross_gain=0.5 * np.ones(2), name="right")]
+    return chain_model(length=0.2, mass=0.05, links=2, stiffness=0.4, damping=4e-3, space=True, torque=[1e-6],
+                       gravity=(0.0, 0.0, 9.81), stations=(Station("tip", 1, 0.05),)).with_(
+        chambers=tuple(chambers)).with_(**changes)  # fmt: skip
+
+
+def recorded(rng: np.random.Generator, model: Model | None = None) -> Experiment:
+    drives = {"left": ramps(rng), "right": ramps(rng)}
+    path = simulate(model or arm(), [*drives.values()], times=TIMES, time_step=1e-3)["station_position"].values
+    return Experiment("one", TIMES, path + NOISE * rng.normal(size=path.shape), ("tip",), "trace", drives=drives)
+
+
+def lagging(constant: float, rng: np.random.Generator) -> Experiment:
+    """A point whose first-order lag behind its input another library integrates."""
+    trace = ramps(rng)
+    state = solve_ivp(lambda t, y: (trace(np.array([t])) - y) / constant, (0.0, TIMES[-1]), trace(TIMES[:1]),
+                      t_eval=TIMES, max_step=0.02)  # fmt: skip
+    path = 1e-6 * state.y[0][:, None, None] * np.array([1.0, 0.3, 0.1])
+    drives = {"left": trace, "right": Trace(trace.time, 0.0 * trace.time)}
+    return Experiment("one", TIMES, path, ("tip",), "trace", drives=drives)
+
+
+def test_a_point_close_behind_its_input_follows_it_at_once_and_one_far_behind_does_not(rng):
+    assert follows_at_once([lagging(0.01, rng)], arm())
+    assert not follows_at_once([lagging(3.0, rng)], arm())
+
+
+def test_settled_shapes_lead_to_the_model_of_a_body_that_rings_faster_than_its_inputs_change(rng):
+    given = arm(stiffness=1.0, damping=1e-3)
+    given = given.with_(chambers=tuple(Chamber(torque=[1e-6], joint_gain=np.ones(2), name=c.name)
+                                       for c in given.chambers))  # fmt: skip
+    lines: list[str] = []
+    found = select_model([recorded(rng)], given, terms=[], progress=lines.append)
+    assert "settled shapes come first" in lines[0]
+    values = found.result.values
+    assert values["left.gain_x"] / values["stiffness"] == pytest.approx(1.0 / 0.4, rel=0.01)
+    assert values["right.gain_y"] / values["stiffness"] == pytest.approx(0.5 / 0.4, rel=0.01)
+    assert abs(values["left.gain_y"]) < 0.01 * values["left.gain_x"]
+    assert found.result.time_step > 2e-3  # frames are 50 ms apart, and the fit has compared steps
+
+
+def test_a_step_that_is_too_long_for_the_motion_is_shortened_unless_it_is_stated(rng):
+    """A body of 9 Hz that is hit: steps of 50 ms miss its ringing, and 1 ms is that of the recording."""
+    model = arm(damping=4e-4)
+    train = recorded(rng, model)
+    train = replace(train, drives={n: Trace(TIMES[:20], np.where(TIMES[:20] < 0.4, 0.0, 5e4)) for n in train.drives})
+    path = simulate(model, [*train.drives.values()], times=TIMES, time_step=1e-3)["station_position"].values
+    setting = FitSetting((replace(train, position=path),), 0.05)
+    coarse = fitted(setting, model, ["stiffness"], evaluations=0)
+    assert tried_step(coarse, 1e-3) < 0.02
+    checked = with_checked_step(coarse, setting)
+    assert checked.time_step < 0.02
+    assert np.abs(checked.data_residual(coarse.x)).max() < 0.1 * np.abs(coarse.residual).max()
+    assert with_checked_step(coarse, replace(setting, stated_step=True)).time_step == 0.05
