@@ -184,8 +184,9 @@ def frame_spacing(experiments: Sequence[Experiment]) -> float:
 
 
 def tried_step(fit: FittedModel, shortest: float) -> float:
-    """Return the longest of `STEPS` [s], no longer than the time between frames or than the first mode allows, whose motion differs from that with
-    half of it by at most 0.05 % of the peak displacement (RMS) in every recording; `shortest` where none does.
+    """Return the longest of `STEPS` [s], no longer than the time between frames or than the first mode allows, whose
+    motion differs from that with half of it by at most 0.05 % of the peak displacement (RMS) in every recording;
+    `shortest` where none does.
     """
     longest = min(frame_spacing(fit.problem.experiments), longest_allowed_step(apply(fit.model, fit.values)))
     tried = (step for step in STEPS if shortest < step <= longest)
