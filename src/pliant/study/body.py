@@ -20,7 +20,7 @@ from pliant.model.chamber import FIELDS
 from pliant.reduction import LinkPlacement
 from pliant.study.body_tables import ActuatorEntry, ChamberTable, StationTable, TaperTable, TendonTable
 from pliant.study.schema import Study
-from pliant.study.tendon_ends import end_of_bend
+from pliant.study.tendon_ends import end_of_bend, ends_of_held_tendons
 
 Array = np.ndarray
 TURNED = "turned by pi about the base tangent: its x is minus that of the recordings"
@@ -318,7 +318,8 @@ def with_azimuths(
     A tendon bends the body towards itself. The motion of the tip across the base tangent is modelled as a sum of one
     motion for each tendon, proportional to its input, by least squares over the training recordings. The direction of
     each motion is the azimuth of the tendon. Fits of gain_x and gain_y start from these azimuths. If several stations
-    are tracked, a tendon without stated joints or end ends where `end_of_bend` finds it.
+    are tracked, a tendon without stated joints or end ends where `end_of_bend` finds it or, if lengths of all tendons
+    are the inputs, `ends_of_held_tendons`.
 
     Raises
     ------
@@ -332,14 +333,18 @@ def with_azimuths(
     names = [t.name for t in tendons]
     seen = [experiments[n] for n in training(study) if n in experiments]
     moves = station_moves(seen, names)
-    ends = [end_of_bend(gain, rest_heights(seen)) for gain in moves] if moves.shape[1] > 1 else []
+    held, ends = all(t.driven_by != "tension" for t in tendons), list[tuple[float, float]]()
+    if moves.shape[1] > 1:
+        heights = rest_heights(seen)
+        ends = (ends_of_held_tendons(moves, heights, [stated_end(study.actuator, t) for t in tendons]) if held
+                else [end_of_bend(gain, heights) for gain in moves])
     stated, shown = [], []
     for k, tendon in enumerate(tendons):
         if tendon.name not in unknown:
             stated.append(tendon)
             continue
         azimuth = float(np.degrees(np.arctan2(moves[k, -1, 1], moves[k, -1, 0])) % 360.0)
-        entries: dict[str, Any] = {"azimuth_deg": azimuth}
+        entries: dict[str, Any] = {"azimuth_deg": ends[k][0] if ends and held else azimuth}
         if ends and tendon.joints is None and tendon.stop is None and ends[k][1] < max(end for _, end in ends):
             entries = {"azimuth_deg": ends[k][0], "stop": ends[k][1]}
         stated.append(tendon.model_copy(update=entries))
@@ -347,6 +352,13 @@ def with_azimuths(
                      + (f" up to {1e3 * entries['stop']:.0f} mm" if "stop" in entries else ""))
     notify("estimated azimuths of the inputs: " + ", ".join(shown))
     return study.actuator.model_copy(update={"tendons": stated})
+
+
+def stated_end(actuator: ActuatorEntry, tendon: TendonTable) -> float | None:
+    """Return the height [m] at which a study says that a tendon ends; None if it does not."""
+    if tendon.stop is None and tendon.joints and actuator.length and actuator.links:
+        return actuator.length * max(tendon.joints) / actuator.links
+    return tendon.stop
 
 
 def rest_heights(experiments: Sequence[Experiment]) -> Array:

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
 import numpy as np
 
 Array = np.ndarray
 LOWEST = 0.05  # of the highest station: below it a station does not show where a tendon ends
+APART = 0.02  # of the highest station: stations closer than this show one end
+MOST_MOVES = 2  # ends that are moved at once
+BETTER = 0.97  # squared error with another end over that before, at most
+EVALUATIONS, MOST_EVALUATIONS = 60, 600
+STIFF, MOST_STIFF = 7.0, 15.0  # logarithm of stiffnesses, tendons' over body's: at the start and at most
 
 
-def even_bend(height: np.ndarray, begin: float, end: float | np.ndarray) -> np.ndarray:
+def even_bend(height: Array, begin: float | Array, end: float | Array) -> Array:
     """Return the small sideways displacements [m] of points at the heights (S,) [m] along the base tangent, for a body
-    with a curvature of 1/m between the heights `begin` and `end` [m] that is straight elsewhere.
+    with a curvature of 1/m between the heights `begin` and `end` [m], or arrays (E, 1) of them, that is straight
+    elsewhere.
     """
     bent = np.clip(height, begin, end) - begin
     return np.asarray(bent * (height - begin - 0.5 * bent))
@@ -37,3 +47,99 @@ def end_of_bend(gain: Array, height: Array) -> tuple[float, float]:
     best = int(np.argmin(squared_error))
     towards = curvature[best]
     return float(np.degrees(np.arctan2(towards[1], towards[0])) % 360.0), float(ends[best])
+
+
+@dataclass(frozen=True)
+class HeldTendons:
+    """Displacements that tendons of given length cause, each while all others are held.
+
+    The body is a chain of parts, from the base and from each possible end to the next, of which each bends evenly, with
+    a stiffness. A tendon runs from the base to its end, and its tension is proportional to what its input takes in less
+    what the bend of the parts gives. Held tendons that run farther thus keep the body straight beyond the end of the
+    one that is pulled, or bend it back.
+
+    Attributes
+    ----------
+    gains : array (C, S, 2)
+        Measured displacement of S stations across the base tangent, per unit of C inputs [m per unit].
+    heights : array (S,)
+        Heights of the stations along the base tangent at rest, m.
+    edges : array (E + 1,)
+        Height of the base, 0, and of E possible ends, m.
+    """
+
+    gains: Array
+    heights: Array
+    edges: Array
+
+    def displacements(self, x: Array, ends: Sequence[int]) -> Array:
+        """Return the modelled gains (C, S, 2) for azimuths (C,) [rad], bends (C,) [1/m per unit] with which a free body
+        would follow each input, and the logarithm of the tendons' stiffness over the body's, all in `x`. `ends` holds
+        the number of parts along which each tendon runs.
+        """
+        count, parts = len(self.gains), np.diff(self.edges)
+        runs = np.arange(parts.size) < np.array(ends)[:, None]
+        towards = np.stack([np.cos(x[:count]), np.sin(x[:count])], axis=-1)
+        taken = ((runs * parts)[..., None] * towards[:, None]).reshape(count, -1)  # in, by the bend of each part
+        stiffness, ratio = np.repeat(parts, 2), np.exp(np.clip(x[-1], -MOST_STIFF, MOST_STIFF)) / self.edges[-1]
+        pulled = ratio * taken.T * (x[count:-1] * self.edges[-1])
+        bends = np.linalg.solve(np.diag(stiffness) + ratio * taken.T @ taken, pulled).T.reshape(count, -1, 2)
+        begins, stops = self.edges[:-1, None], self.edges[1:, None]
+        return np.einsum("es,ced->csd", even_bend(self.heights, begins, stops), bends)
+
+    def fit(self, x: Array, ends: Sequence[int], evaluations: int = EVALUATIONS) -> tuple[float, Array]:
+        """Return the least squared error, over that of no bend, and the values of `displacements` there."""
+        from scipy.optimize import least_squares
+
+        seen, size = np.isfinite(self.gains), np.sqrt(np.nansum(self.gains**2))
+        best = least_squares(lambda x: ((self.displacements(x, ends) - self.gains) / size)[seen], x,
+                             max_nfev=evaluations)  # fmt: skip
+        return 2.0 * float(best.cost), best.x
+
+    def ends(self, known: Sequence[float | None]) -> tuple[Array, Array]:
+        """Return the azimuths (C,) [rad] and heights (C,) [m] at which the tendons end. `known` holds the stated
+        heights. The other tendons run to the last end at first; then the end is moved that improves the fit most or,
+        where none does by 3 %, the ends of two tendons are, until these improve it no more.
+        """
+        last, shown = self.edges.size - 1, np.where(np.isfinite(self.gains).all(axis=2), self.heights, -np.inf)
+        far = self.gains[np.arange(len(self.gains)), np.argmax(shown, axis=1)]
+        ends = [last if at is None else 1 + int(np.argmin(np.abs(self.edges[1:] - at))) for at in known]
+        bend = 2.0 * np.linalg.norm(far, axis=1) / self.edges[-1] ** 2
+        start = np.array([*np.arctan2(far[:, 1], far[:, 0]), *bend, STIFF])
+        error, moves = self.fit(start, ends)[0], 1
+        while moves <= MOST_MOVES:
+            fits = [(self.fit(start, other)[0], other) for other in self.moved(ends, known, moves)]
+            least = min(fits, default=(error, ends))
+            if least[0] < BETTER * error:
+                (error, ends), moves = least, 1
+            else:
+                moves += 1
+        return self.fit(start, ends, MOST_EVALUATIONS)[1][: len(ends)], self.edges[ends]
+
+    def moved(self, ends: Sequence[int], known: Sequence[float | None], moves: int) -> list[list[int]]:
+        """Return the ends with those of `moves` tendons that are not known moved to others."""
+        parts = range(1, self.edges.size)
+        free = [k for k, at in enumerate(known) if at is None]
+        changes = [dict(zip(few, others, strict=True)) for few in combinations(free, moves)
+                   for others in product(*([e for e in parts if e != ends[k]] for k in few))]  # fmt: skip
+        return [[change.get(k, end) for k, end in enumerate(ends)] for change in changes]
+
+
+def ends_of_held_tendons(gains: Array, heights: Array, known: Sequence[float | None]) -> list[tuple[float, float]]:
+    """Return azimuth [degrees] and end [m] of C tendons that inputs pull to given lengths, as `HeldTendons` finds them.
+
+    Parameters
+    ----------
+    gains : array (C, S, 2)
+        Displacement of each station across the base tangent, per unit of each input [m per unit].
+    heights : array (S,)
+        Height of each station along the base tangent at rest [m].
+    known : sequence of float or None
+        Stated end of each tendon, m.
+    """
+    ends = [0.0]
+    for height in np.sort(heights[np.isfinite(heights)]):
+        if height > max(LOWEST * np.nanmax(heights), ends[-1] + APART * np.nanmax(heights)):
+            ends.append(float(height))
+    azimuths, heights = HeldTendons(gains, heights, np.array(ends)).ends(known)
+    return [(float(np.degrees(a) % 360.0), float(end)) for a, end in zip(azimuths, heights, strict=True)]
