@@ -16,7 +16,7 @@ from pliant.study.first_reading import several
 from pliant.study.inspected import Inspected
 from pliant.study.kinds import levels_by_name, named_kind
 from pliant.study.shorthand import OPEN
-from pliant.study.tendon_ends import end_of_bend, even_bend
+from pliant.study.tendon_ends import end_of_bend, ends_of_held_tendons, even_bend
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial, body_length
 
@@ -124,7 +124,8 @@ def tendons(out: Lines, inspected: Inspected) -> None:
         return
     shared_by_tendons(out, {one.kind for one in trial.tendon_inputs})
     slack = can_be_slack(inspected)
-    ends = [] if trial.aligned is None else tendon_ends(trial.aligned)[-len(trial.tendon_inputs) :]
+    held = all(one.kind != "tension" for one in trial.tendon_inputs)
+    ends = [] if trial.aligned is None else tendon_ends(trial.aligned, len(trial.tendon_inputs), held=held)
     for k, one in enumerate(trial.tendon_inputs):
         out.item("actuator.tendons", one.name)
         out.put("driven_by", one.kind, "as its column says" if trial.guess else "as the mapping states")
@@ -268,12 +269,9 @@ def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:
     return (best if best[0] < MUCH_BETTER * candidates[0][0] else candidates[0])[1:]
 
 
-def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
-    """Return for the tendon of each input its azimuth [degrees] and the height of its end [m]. The height is measured
-    along the base tangent at rest.
-
-    A tendon is assumed to bend the body towards itself, evenly from the base to one of the stations, and to leave it
-    straight beyond. The end is the station with which this best explains the displacements of all stations.
+def tendon_ends(recording: xr.Dataset, count: int, *, held: bool) -> list[tuple[float, float]]:
+    """Return for the tendon of each of the last `count` inputs its azimuth [degrees] and the height of its end [m]. The
+    height is measured along the base tangent at rest. With `held`, the inputs are the tendons' lengths.
 
     Parameters
     ----------
@@ -281,4 +279,7 @@ def tendon_ends(recording: xr.Dataset) -> list[tuple[float, float]]:
         Recording in the base frame, in space, without input 0 in any channel.
     """
     height = np.nanmedian(recording["position"].values[:10, :, 2], axis=0)
-    return [end_of_bend(gain, height) for gain in sideways(recording)]
+    gains = np.array(sideways(recording))[-count:]
+    if held and gains.shape[1] > 1:
+        return ends_of_held_tendons(gains, height, [None] * count)
+    return [end_of_bend(gain, height) for gain in gains]
