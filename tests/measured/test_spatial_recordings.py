@@ -79,5 +79,5 @@ def test_where_the_tendons_of_each_motor_end(shared_data):
     body = align(leave_out_frozen(ds), base="top", tangent="-y", rest=[0, 0.05], origin=[0.1018, 0.0, 0.105],
                  space=True)  # fmt: skip
     disks = np.median(body["position"].values[:10, :, 2], axis=0)
-    ends = [int(np.argmin(abs(disks - end))) for _, end in tendon_ends(body)]
+    ends = [int(np.argmin(abs(disks - end))) for _, end in tendon_ends(body, 6, held=True)]
     assert ends == [1, 2, 0, 2, 0, 1]  # of motors 1 to 6; as fits of all geometry to 150 s find them
