@@ -11,9 +11,9 @@ import numpy as np
 Array = np.ndarray
 LOWEST = 0.05  # of the highest station: below it a station does not show where a tendon ends
 APART = 0.02  # of the highest station: stations closer than this show one end
-MOST_MOVES = 2  # ends that are moved at once
+POOR = 0.02  # squared error, over that of no bend, above which a fit is poor
 BETTER = 0.97  # squared error with another end over that before, at most
-EVALUATIONS, MOST_EVALUATIONS = 60, 600
+EVALUATIONS, MOST_EVALUATIONS = 30, 600
 STIFF, MOST_STIFF = 7.0, 15.0  # logarithm of stiffnesses, tendons' over body's: at the start and at most
 
 
@@ -73,8 +73,8 @@ class HeldTendons:
     edges: Array
 
     def displacements(self, x: Array, ends: Sequence[int]) -> Array:
-        """Return the modelled gains (C, S, 2) for azimuths (C,) [rad], bends (C,) [1/m per unit] with which a free body
-        would follow each input, and the logarithm of the tendons' stiffness over the body's, all in `x`. `ends` holds
+        """Return the modelled gains (C, S, 2) for azimuths (C,) [rad], bends (C,) [1/m per unit] with which a body
+        without other tendons would follow each input, and the logarithm of the tendons' stiffness over the body's, all in `x`. `ends` holds
         the number of parts along which each tendon runs.
         """
         count, parts = len(self.gains), np.diff(self.edges)
@@ -82,7 +82,7 @@ class HeldTendons:
         towards = np.stack([np.cos(x[:count]), np.sin(x[:count])], axis=-1)
         taken = ((runs * parts)[..., None] * towards[:, None]).reshape(count, -1)  # in, by the bend of each part
         stiffness, ratio = np.repeat(parts, 2), np.exp(np.clip(x[-1], -MOST_STIFF, MOST_STIFF)) / self.edges[-1]
-        pulled = ratio * taken.T * (x[count:-1] * self.edges[-1])
+        pulled = taken.T * (x[count:-1] * (1.0 + ratio * self.edges[list(ends)]))
         bends = np.linalg.solve(np.diag(stiffness) + ratio * taken.T @ taken, pulled).T.reshape(count, -1, 2)
         begins, stops = self.edges[:-1, None], self.edges[1:, None]
         return np.einsum("es,ced->csd", even_bend(self.heights, begins, stops), bends)
@@ -98,23 +98,39 @@ class HeldTendons:
 
     def ends(self, known: Sequence[float | None]) -> tuple[Array, Array]:
         """Return the azimuths (C,) [rad] and heights (C,) [m] at which the tendons end. `known` holds the stated
-        heights. The other tendons run to the last end at first; then the end is moved that improves the fit most or,
-        where none does by 3 %, the ends of two tendons are, until these improve it no more.
+        heights.
+
+        Of two descents, one begins with stiff tendons that all run to the last end, one with soft tendons that end
+        where `end_of_bend` finds it. In each, the end is moved that improves the fit most or, where none does by 3 %
+        and the fit is poor, the ends of two tendons are.
         """
         last, shown = self.edges.size - 1, np.where(np.isfinite(self.gains).all(axis=2), self.heights, -np.inf)
         far = self.gains[np.arange(len(self.gains)), np.argmax(shown, axis=1)]
-        ends = [last if at is None else 1 + int(np.argmin(np.abs(self.edges[1:] - at))) for at in known]
         bend = 2.0 * np.linalg.norm(far, axis=1) / self.edges[-1] ** 2
-        start = np.array([*np.arctan2(far[:, 1], far[:, 0]), *bend, STIFF])
+        alone = [end_of_bend(gain, self.heights) for gain in self.gains]
+        starts = ((np.array([*np.arctan2(far[:, 1], far[:, 0]), *bend, STIFF]), [self.edges[-1]] * len(far)),
+                  (np.array([*np.radians([a for a, _ in alone]), *bend, -STIFF]), [end for _, end in alone]))  # fmt: skip
+        _, x, ends = min((self.descent(start, [
+            1 + int(np.argmin(np.abs(self.edges[1:] - (guess if at is None else at))))
+            for guess, at in zip(guesses, known, strict=True)
+        ], known) for start, guesses in starts), key=lambda one: one[0])  # fmt: skip
+        return x[: len(ends)], self.edges[ends]
+
+    def descent(
+        self, start: Array, ends: list[int], known: Sequence[float | None],
+    ) -> tuple[float, Array, list[int]]:
+        """Return the error, the values of `displacements` and the ends to which single moves of ends, or pairs of them,
+        lead from `ends`.
+        """
         error, moves = self.fit(start, ends)[0], 1
-        while moves <= MOST_MOVES:
+        while moves == 1 or (moves == 2 and error > POOR):
             fits = [(self.fit(start, other)[0], other) for other in self.moved(ends, known, moves)]
             least = min(fits, default=(error, ends))
             if least[0] < BETTER * error:
                 (error, ends), moves = least, 1
             else:
                 moves += 1
-        return self.fit(start, ends, MOST_EVALUATIONS)[1][: len(ends)], self.edges[ends]
+        return (*self.fit(start, ends, MOST_EVALUATIONS), ends)
 
     def moved(self, ends: Sequence[int], known: Sequence[float | None], moves: int) -> list[list[int]]:
         """Return the ends with those of `moves` tendons that are not known moved to others."""
