@@ -45,6 +45,19 @@ BODIES = {
 }  # fmt: skip
 
 
+def test_bodies_with_different_numbers_of_inputs_are_simulated_one_by_one():
+    one = arm(chambers=arm().chambers[:1])
+    inputs = [[Pulse(3e4), Pulse(0.0), Pulse(0.0)], [Pulse(3e4)]]
+    for order in ((0, 1), (1, 0)):
+        models = [(arm(), one)[k] for k in order]
+        batch = simulate_batch(models, [inputs[k] for k in order], times=TIMES, time_step=1e-3,
+                               variables=["tip_position"])  # fmt: skip
+        for k, model in zip(order, models, strict=True):
+            alone = simulate(model, inputs[k], times=TIMES, time_step=1e-3)["tip_position"].values
+            shown = batch["tip_position"].values[order.index(k)]
+            np.testing.assert_allclose(shown, alone, atol=1e-9)
+
+
 @pytest.mark.slow  # compiles the steps of bodies of several sizes
 @pytest.mark.parametrize("body", list(BODIES))
 def test_the_motion_is_that_of_single_simulations(body):

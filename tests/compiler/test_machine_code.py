@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -52,11 +55,11 @@ def test_a_full_disk_costs_one_warning(folder: Path, monkeypatch: pytest.MonkeyP
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(machine_code.tempfile, "mkstemp", full)
+    monkeypatch.setattr(Path, "replace", full)
     kernel_cache.tell_unsaved.cache_clear()
     with pytest.warns(RuntimeWarning, match="No space left on device"):
         machine_code.stored("scaled", lambda: text(2.0))
-    assert list(folder.glob("*.code")) == []
+    assert [file.name for file in folder.iterdir() if file.suffix != ".lock"] == []
 
 
 def test_every_size_and_kind_has_code_of_its_own(folder: Path) -> None:
@@ -92,3 +95,27 @@ def test_one_loop_serves_all_sizes(rng: np.random.Generator) -> None:
         motion.step(y, w, 1e-3, torque, *chain.parts())
         np.testing.assert_allclose([x, v], [y, w], rtol=1e-12)
     assert steps[0] is steps[1]
+
+
+def test_a_full_table_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = machine_code.CodeTable.__new__(machine_code.CodeTable)
+    table.known = {1, 2}
+    monkeypatch.setattr(machine_code, "MOST_ENTRIES", 2)
+    with pytest.raises(RuntimeError, match="more than 2 chains"):
+        table.load("scaled", b"", 3)
+
+
+def test_machine_code_is_for_the_processor_for_which_loops_are_compiled() -> None:
+    """Numba heeds its own variables, and vectors are passed in the registers that both assume."""
+    code = (
+        "from numba.core.registry import cpu_target\n"
+        "from pliant.compiler import machine_code\n"
+        "print(machine_code.host(), machine_code.processor(), cpu_target.target_context.codegen()._tm_features)"
+    )
+    plain, other = (
+        subprocess.run([sys.executable, "-c", code], env={**os.environ, **more}, capture_output=True, text=True,
+                       check=True).stdout
+        for more in ({}, {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""})
+    )  # fmt: skip
+    assert "('generic', '')" in other
+    assert plain.split(")")[1].split()[0] != other.split(")")[1].split()[0]

@@ -150,7 +150,8 @@ def simulated(
     """
     if how["device"] != "cpu":
         return run_on_device(models, sets, times, time_step, how, variables)
-    if all(map(fits_lanes, models)):
+    each = {id(model): model for model in models}.values()
+    if all(map(fits_lanes, each)) and len({(mechanics_of(m).sizes, m.actuation.count) for m in each}) == 1:
         return run_in_space(models, sets, times, time_step, how, {k: shape_of(models[0], k) for k in variables})
     results = run_alone(models, sets, times, time_step, how)
     return {k: results[k] for k in (*variables, "failed_at")}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
+from hashlib import sha256
 from types import FunctionType
 from typing import Any
 
@@ -157,7 +158,8 @@ def provide(
     shapes = {path: shape for name, e in examples.items() for path, shape in shapes_of(name, e).items()}
     paths, seed = passed(kernel, shapes), machine_code.seed_of(f"{title(kernel, sources, fused=fused)}_{kind}")
     entry = machine_code.key(seed, [size for path in paths for size in shapes[path]])
-    name = f"{title(written, sources, fused=fused)}_{kind}_{entry:016x}"
+    order = sha256(repr(paths).encode()).hexdigest()[:8]  # of the arguments: fields of records, declared elsewhere
+    name = f"{title(written, sources, fused=fused)}_{kind}_{order}_{entry:016x}"
 
     def text() -> str:
         return LlvmWriter(record(written, examples, kept_by(kernel)), paths, name, kind, fused=fused).write()

@@ -10,18 +10,19 @@ A stored file begins with a checksum of the rest, which is compared before the c
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from secrets import token_hex
 from typing import Any
 
 import llvmlite
 import numpy as np
 from llvmlite import binding
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
 
 from pliant.compiler import cache as loops
 from pliant.compiler.kernel_files import alone, evict, mark_used
@@ -29,6 +30,7 @@ from pliant.compiler.kernel_files import alone, evict, mark_used
 FINDER = "pliant_address"  # name by which compiled loops call `ADDRESS`
 PRIME, WORD = 0x100000001B3, (1 << 64) - 1  # of the key, a hash of Fowler, Noll and Vo
 SLOTS_OF_TABLE = 1 << 14
+MOST_ENTRIES = SLOTS_OF_TABLE // 2
 ADDRESS = f"""
 define i64 @{FINDER}_code(i64 %key) {{
 entry:
@@ -77,23 +79,24 @@ def target() -> Any:
     """Return LLVM's description of this processor, as Numba has it."""
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
-    triple = binding.Target.from_triple(binding.get_process_triple())
+    triple, (cpu, features) = binding.Target.from_triple(binding.get_process_triple()), host()
     return triple.create_target_machine(
-        cpu=binding.get_host_cpu_name(), features=features(), opt=3, jit=True, codemodel="jitdefault",
+        cpu=cpu, features=features, opt=3, jit=True, codemodel="jitdefault",
         reloc="static" if triple.name.startswith("x86") else "default",
     )
 
 
 @cache
-def features() -> str:
-    """Return the instruction sets of this processor."""
-    return str(binding.get_host_cpu_features().flatten())
+def host() -> tuple[str, str]:
+    """Return the name and the instruction sets for which Numba compiles: loops pass vectors in their registers."""
+    _, cpu, features = cpu_target.target_context.codegen().magic_tuple()
+    return cpu, features
 
 
 @cache
 def processor() -> str:
     """Return a digest of everything but the text on which machine code depends."""
-    return sha256(repr((llvmlite.__version__, binding.get_host_cpu_name(), features())).encode()).hexdigest()[:8]
+    return sha256(repr((llvmlite.__version__, *host())).encode()).hexdigest()[:8]
 
 
 class CodeTable:
@@ -110,6 +113,8 @@ class CodeTable:
 
     def load(self, name: str, code: bytes, entry: int) -> None:
         """Load the machine code of the function `name`, and enter its address in the table under the key `entry`."""
+        if len(self.known) >= MOST_ENTRIES:  # a full table would never answer
+            raise RuntimeError(f"more than {MOST_ENTRIES} chains of different sizes in one process: start another one")
         self.engine.add_object_file(binding.ObjectFileRef.from_data(code))
         self.engine.finalize_object()
         row = entry % SLOTS_OF_TABLE
@@ -121,9 +126,15 @@ class CodeTable:
 
 
 @cache
+def only_table() -> CodeTable:
+    """Return the machine code of this process, made in the first call. The caller holds the compiler's lock."""
+    return CodeTable()
+
+
 def code_table() -> CodeTable:
     """Return the machine code of this process. Must be called before a loop is compiled or loaded that calls it."""
-    return CodeTable()
+    with global_compiler_lock:
+        return only_table()
 
 
 def provide(entry: int, name: str, text: Callable[[], str]) -> None:
@@ -180,11 +191,15 @@ def read(file: Path) -> bytes | None:
 
 def write(file: Path, code: bytes) -> None:
     """Store machine code with its checksum, and remove files beyond the limit of the cache."""
+    draft = file.with_name(f"{file.name}.tmp.{os.getpid()}.{token_hex(4)}")
     try:
-        handle, draft = tempfile.mkstemp(prefix=f"{file.name}.tmp.", dir=file.parent)
-        with os.fdopen(handle, "wb") as out:
+        with draft.open("xb") as out:  # with the permissions of the folder's other files
             out.write(sha256(code).digest() + code)
-        Path(draft).replace(file)
-        evict(file.parent)
+        draft.replace(file)
     except OSError as error:
+        with suppress(OSError):
+            draft.unlink()
         loops.kernel_cache.tell_unsaved(file.parent, error.strerror or str(error))
+    else:
+        with suppress(OSError):
+            evict(file.parent)

@@ -73,9 +73,9 @@ class HeldTendons:
     edges: Array
 
     def displacements(self, x: Array, ends: Sequence[int]) -> Array:
-        """Return the modelled gains (C, S, 2) for azimuths (C,) [rad], bends (C,) [1/m per unit] with which a body
-        without other tendons would follow each input, and the logarithm of the tendons' stiffness over the body's, all in `x`. `ends` holds
-        the number of parts along which each tendon runs.
+        """Return the modelled gains (C, S, 2) for the values `x`: azimuths (C,) [rad], bends (C,) [1/m per unit] with
+        which a body without other tendons would follow each input, and the logarithm of the tendons' stiffness over the
+        body's. `ends` holds the number of parts along which each tendon runs.
         """
         count, parts = len(self.gains), np.diff(self.edges)
         runs = np.arange(parts.size) < np.array(ends)[:, None]
@@ -104,12 +104,13 @@ class HeldTendons:
         where `end_of_bend` finds it. In each, the end is moved that improves the fit most or, where none does by 3 %
         and the fit is poor, the ends of two tendons are.
         """
-        last, shown = self.edges.size - 1, np.where(np.isfinite(self.gains).all(axis=2), self.heights, -np.inf)
+        shown = np.where(np.isfinite(self.gains).all(axis=2), self.heights, -np.inf)
         far = self.gains[np.arange(len(self.gains)), np.argmax(shown, axis=1)]
         bend = 2.0 * np.linalg.norm(far, axis=1) / self.edges[-1] ** 2
         alone = [end_of_bend(gain, self.heights) for gain in self.gains]
-        starts = ((np.array([*np.arctan2(far[:, 1], far[:, 0]), *bend, STIFF]), [self.edges[-1]] * len(far)),
-                  (np.array([*np.radians([a for a, _ in alone]), *bend, -STIFF]), [end for _, end in alone]))  # fmt: skip
+        stiff = np.array([*np.arctan2(far[:, 1], far[:, 0]), *bend, STIFF])
+        soft = np.array([*np.radians([azimuth for azimuth, _ in alone]), *bend, -STIFF])
+        starts = (stiff, [self.edges[-1]] * len(far)), (soft, [end for _, end in alone])
         _, x, ends = min((self.descent(start, [
             1 + int(np.argmin(np.abs(self.edges[1:] - (guess if at is None else at))))
             for guess, at in zip(guesses, known, strict=True)
