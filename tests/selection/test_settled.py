@@ -81,3 +81,15 @@ def test_a_step_that_is_too_long_for_the_motion_is_shortened_unless_it_is_stated
     assert checked.time_step < 0.02
     assert np.abs(checked.data_residual(coarse.x)).max() < 0.1 * np.abs(coarse.residual).max()
     assert with_checked_step(coarse, replace(setting, stated_step=True)).time_step == 0.05
+
+
+def test_settled_poses_alone_have_no_step_to_choose(rng):
+    model = arm()
+    drives = {n: Trace(np.arange(6.0), rng.uniform(0.0, 5e4, 6)) for n in ("left", "right")}
+    moments = np.array([0.0, 1e-3])
+    shapes = [simulate(model, [Trace([0.0], d(np.array([k]))) for d in drives.values()], times=moments)
+              for k in np.arange(6.0)]  # fmt: skip
+    path = np.stack([shape["station_position"].values[0] for shape in shapes])
+    poses = Experiment("poses", np.arange(6.0), path, ("tip",), "trace", drives=drives, poses=True)
+    found = select_model([poses], model, terms=[], common=["left.gain_x"])
+    assert found.result.rmse["poses"] < 1e-4

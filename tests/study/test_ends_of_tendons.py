@@ -46,3 +46,10 @@ def test_a_stated_end_is_kept_and_missing_stations_are_left_out():
     others = (0, 1, 3)
     found = ends_of_held_tendons(gains, HEIGHTS, [None] * 4)
     assert [found[k][1] for k in others] == [HEIGHTS[ENDS[k] - 1] for k in others]
+
+
+def test_an_input_that_never_moves_does_not_mislead_the_others():
+    gains = np.concatenate([gains_of_stiff_tendons(ENDS), np.zeros((1, 2, 2))])
+    found = ends_of_held_tendons(gains, HEIGHTS, [None] * 5)
+    assert [end for _, end in found[:4]] == [HEIGHTS[e - 1] for e in ENDS]
+    assert found[4] == (0.0, HEIGHTS[-1])

@@ -179,8 +179,9 @@ class FittedModel:
 
 
 def frame_spacing(experiments: Sequence[Experiment]) -> float:
-    """Return the shortest median time [s] between the frames of experiments of motion."""
-    return min(float(np.median(np.diff(e.time))) for e in experiments if not e.poses and e.time.size > 1)
+    """Return the shortest median time [s] between the frames of experiments of motion; 0 if all are settled poses."""
+    spacings = [float(np.median(np.diff(e.time))) for e in experiments if not e.poses and e.time.size > 1]
+    return min(spacings, default=0.0)
 
 
 def tried_step(fit: FittedModel, shortest: float) -> float:
@@ -188,7 +189,8 @@ def tried_step(fit: FittedModel, shortest: float) -> float:
     motion differs from that with half of it by at most 0.05 % of the peak displacement (RMS) in every recording;
     `shortest` where none does.
     """
-    longest = min(frame_spacing(fit.problem.experiments), longest_allowed_step(apply(fit.model, fit.values)))
+    spacing = frame_spacing(fit.problem.experiments)
+    longest = min(spacing, longest_allowed_step(apply(fit.model, fit.values))) if spacing else 0.0
     tried = (step for step in STEPS if shortest < step <= longest)
     return next((step for step in tried if step_error(fit, step) <= STEP_ERROR), shortest)
 

@@ -105,7 +105,8 @@ def load_phrase(name: str, value: float, result: FitResult, training: Sequence[E
     usual = result.values.get(name, of_model(result.model, name))
     values = [v for e in training if (v := e.known.get(name, usual)) is not None]
     unit = known_unit(name)
-    if values and min(values) <= value <= max(values):
+    margin = MARGIN * max(map(abs, (*values, value)))
+    if values and min(values) - margin <= value <= max(values) + margin:
         return ""
     said = join_words(sorted({f"{v:.3g} {unit}".strip() for v in values}))
     return f"{name} {value:.3g} {unit}".rstrip() + (f" (in training {said})" if said else "")

@@ -356,9 +356,14 @@ def with_azimuths(
 
 def stated_end(actuator: ActuatorEntry, tendon: TendonTable) -> float | None:
     """Return the height [m] at which a study says that a tendon ends; None if it does not."""
-    if tendon.stop is None and tendon.joints and actuator.length and actuator.links:
+    if tendon.stop is not None or not tendon.joints:
+        return tendon.stop
+    if actuator.segments and actuator.segment_links:
+        parts = actuator.parts(sum(actuator.segment_links))
+        return None if parts is None else float(np.cumsum(parts)[min(max(tendon.joints), parts.size) - 1])
+    if actuator.length and actuator.links:
         return actuator.length * max(tendon.joints) / actuator.links
-    return tendon.stop
+    return None
 
 
 def rest_heights(experiments: Sequence[Experiment]) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 Array = np.ndarray
 LOWEST = 0.05  # of the highest station: below it a station does not show where a tendon ends
 APART = 0.02  # of the highest station: stations closer than this show one end
+MOST_FITS = 100  # of a round: more pairs take minutes
 POOR = 0.02  # squared error, over that of no bend, above which a fit is poor
 BETTER = 0.97  # squared error with another end over that before, at most
 EVALUATIONS, MOST_EVALUATIONS = 30, 600
@@ -125,7 +126,10 @@ class HeldTendons:
         """
         error, moves = self.fit(start, ends)[0], 1
         while moves == 1 or (moves == 2 and error > POOR):
-            fits = [(self.fit(start, other)[0], other) for other in self.moved(ends, known, moves)]
+            tried = self.moved(ends, known, moves)
+            if len(tried) > MOST_FITS:
+                break
+            fits = [(self.fit(start, other)[0], other) for other in tried]
             least = min(fits, default=(error, ends))
             if least[0] < BETTER * error:
                 (error, ends), moves = least, 1
@@ -158,5 +162,10 @@ def ends_of_held_tendons(gains: Array, heights: Array, known: Sequence[float | N
     for height in np.sort(heights[np.isfinite(heights)]):
         if height > max(LOWEST * np.nanmax(heights), ends[-1] + APART * np.nanmax(heights)):
             ends.append(float(height))
-    azimuths, heights = HeldTendons(gains, heights, np.array(ends)).ends(known)
-    return [(float(np.degrees(a) % 360.0), float(end)) for a, end in zip(azimuths, heights, strict=True)]
+    moving = np.nansum(gains**2, axis=(1, 2)) > 0.0  # an input that never moves shows nothing
+    stated = [end for end, moves in zip(known, moving, strict=True) if moves]
+    azimuths, stops = HeldTendons(gains[moving], heights, np.array(ends)).ends(stated)
+    rows = np.zeros((len(gains), 2))
+    rows[:, 1] = ends[-1]
+    rows[moving] = np.stack([np.degrees(azimuths) % 360.0, stops], axis=1)
+    return [(float(azimuth), float(end)) for azimuth, end in rows]
