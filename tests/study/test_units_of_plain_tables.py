@@ -67,3 +67,18 @@ def test_a_unit_of_time_that_a_mapping_states_is_neither_asked_nor_said(tmp_path
     assert study["mapping"]["time_unit"] == "s"
     assert "times are taken" not in text
     assert "at 0.1 Hz" in text
+
+
+@pytest.mark.parametrize(("size", "unit", "length"), [(30.0, "mm", 0.03), (0.03, None, 0.03), (2.5, None, 2.5)])
+@pytest.mark.parametrize("still", [False, True])
+def test_the_unit_of_positions_is_that_of_the_whole_body(tmp_path, size, unit, length, still):
+    """Stations far apart, each of which moves little: no body of 30 m."""
+    columns = {"t_s": 0.02 * np.arange(COUNT), **body(size)}
+    if still:
+        columns["tip_x"] = 0.1 * columns["tip_x"]
+    file = written(tmp_path / "small.csv", columns)
+    inspected = invoke("inspect", file).stdout
+    study, _ = drafted(tmp_path, file)
+    assert study.get("mapping", {}).get("length_unit") == unit
+    assert ("positions are taken in mm, by their range" in inspected) == (unit == "mm")
+    assert study["actuator"]["length"] == pytest.approx(length, rel=0.01)

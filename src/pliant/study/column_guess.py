@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -242,10 +243,18 @@ def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[
         units = {words_of(table.names[k])[-1] for k in columns}
         if len(units) == 1 and (unit := units.pop()) in {*METRE, PIXEL} and len(words_of(table.names[columns[0]])) > 1:
             return unit, ""
-    known = [values[np.isfinite(values)] for values in table.values[:, columns].T]
-    widest = max((float(np.ptp(np.percentile(values, [1, 99]))) for values in known if values.size), default=0.0)
+    axes = zip_longest(*(at["position"] for at in stations.values()))
+    widest = max(extent(table.values[:, [k for k in axis if k is not None]]) for axis in axes)
     unit = "mm" if widest > MILLIMETRES or np.nanmedian(np.abs(table.values[:, columns])) > 10 * MILLIMETRES else "m"
     return unit, f"positions are taken in {unit}, by their range: correct length_unit if they are not"
+
+
+def extent(coordinate: Array) -> float:
+    """Return the range of a coordinate of all stations (T, S) together, without the lowest and highest 1 %; 0 if no
+    value is known.
+    """
+    known = coordinate[np.isfinite(coordinate)]
+    return float(np.ptp(np.percentile(known, [1, 99]))) if known.size else 0.0
 
 
 def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
