@@ -82,3 +82,29 @@ def test_the_unit_of_positions_is_that_of_the_whole_body(tmp_path, size, unit, l
     assert study.get("mapping", {}).get("length_unit") == unit
     assert ("positions are taken in mm, by their range" in inspected) == (unit == "mm")
     assert study["actuator"]["length"] == pytest.approx(length, rel=0.01)
+
+
+@pytest.mark.parametrize(("names", "time"), [
+    (("clock", "time"), "time"), (("time", "clock"), "time"), (("clock", "stamp"), None), (("clock", "timestamp"),
+                                                                                           "timestamp"),
+])  # fmt: skip
+def test_a_column_that_does_not_rise_is_no_clock(tmp_path, names, time):
+    """A duty value that is called clock."""
+    duty, times = 0.5 + 0.4 * np.sin(np.arange(COUNT)), 0.02 * np.arange(COUNT)
+    pair = {n: duty if n == "clock" else times for n in names}
+    file = written(tmp_path / "run.csv", {**pair, **body(300.0)})
+    study, _ = drafted(tmp_path, file)
+    assert study["mapping"].get("time") == time
+    assert study["mapping"].get("rate_hz") == (None if time else "?")
+
+
+def test_of_two_columns_that_rise_time_is_the_clock(tmp_path):
+    ramp = {"clock": np.linspace(0.0, 1.0, COUNT), "time": 0.02 * np.arange(COUNT)}
+    study, _ = drafted(tmp_path, written(tmp_path / "run.csv", {**ramp, **body(300.0)}))
+    assert study["mapping"]["time"] == "time"
+
+
+def test_times_that_start_anew_in_each_trial_are_a_clock(tmp_path):
+    columns = {"time": 0.02 * (np.arange(COUNT) % 100), "trial": np.arange(COUNT) // 100, **body(300.0)}
+    study, _ = drafted(tmp_path, written(tmp_path / "run.csv", columns))
+    assert study["mapping"]["time"] == "time"

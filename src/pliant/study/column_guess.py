@@ -35,6 +35,7 @@ TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
 NUMBERED = re.compile(r"p\d+|base|tip")
 COMMANDED = {"desired", "des", "command", "commanded", "cmd", "set", "setpoint", "target", "ref", "reference", "goal"}
 TURNED = {"roll", "pitch", "yaw", "euler", "rx", "ry", "rz", "rot", "heading"}
+CLOCKS = ("t", "time")  # names of times that come before others, such as clock
 TRIAL = {"id", "trial", "run", "rep", "repetition", "experiment", "session", "sample"}
 UNITS = {"pressure": PASCAL, "displacement": METRE, "angle": RADIAN, "tension": NEWTON}  # the most frequent first
 WORDS = {
@@ -158,7 +159,8 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     used = {k for at in stations.values() for columns in at.values() for k in columns} | stated_columns(table, stated)
     used |= {k for columns in sensors.values() for k in columns}
     clocks = [k for k, name in enumerate(table.names) if k not in used and is_time(name)]
-    clock = next((k for k in clocks if table.changes(k)), None)
+    clocks.sort(key=lambda k: parted(table.names[k])[0] not in CLOCKS)
+    clock = next((k for k in clocks if runs(table.values[:, k])), None)
     parts = parted_clock(table.names) if clock is None else None
     used |= {parts.seconds, parts.fraction} if parts else set()
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
@@ -360,6 +362,12 @@ def rises(values: Array) -> bool:
     """Return whether values (T,) can be times: they never fall, and rise in most rows."""
     step = np.diff(values)
     return bool(np.isfinite(values).all() and (step >= 0).all() and np.mean(step > 0) > 0.5)
+
+
+def runs(values: Array) -> bool:
+    """Return whether values (T,) can be times of one or several trials: they rise, and fall in few rows."""
+    step = np.diff(values[np.isfinite(values)])
+    return bool(np.count_nonzero(step > 0) >= max(1, 2 * np.count_nonzero(step < 0)))
 
 
 def is_rotation(values: Array) -> bool:
