@@ -367,7 +367,8 @@ def rises(values: Array) -> bool:
 def runs(values: Array) -> bool:
     """Return whether values (T,) can be times of one or several trials: they rise, and fall in few rows."""
     step = np.diff(values[np.isfinite(values)])
-    return bool(np.count_nonzero(step > 0) >= max(1, 2 * np.count_nonzero(step < 0)))
+    rising, falling = int(np.sum(step > 0)), int(np.sum(step < 0))
+    return rising >= max(1, 2 * falling)
 
 
 def is_rotation(values: Array) -> bool:
