@@ -9,13 +9,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.column_names import is_time, parted, parted_clock
+from pliant.recording.clock import SECONDS
+from pliant.recording.column_names import COUNTERS, is_time, parted, parted_clock
 from pliant.recording.registry import describes_columns
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import (
@@ -33,6 +35,7 @@ TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
 NUMBERED = re.compile(r"p\d+|base|tip")
 COMMANDED = {"desired", "des", "command", "commanded", "cmd", "set", "setpoint", "target", "ref", "reference", "goal"}
 TURNED = {"roll", "pitch", "yaw", "euler", "rx", "ry", "rz", "rot", "heading"}
+CLOCKS = ("t", "time")  # names of times that come before others, such as clock
 TRIAL = {"id", "trial", "run", "rep", "repetition", "experiment", "session", "sample"}
 UNITS = {"pressure": PASCAL, "displacement": METRE, "angle": RADIAN, "tension": NEWTON}  # the most frequent first
 WORDS = {
@@ -44,6 +47,7 @@ WORDS = {
 }  # fmt: skip
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
 MILLISECONDS, ROUGH = 5, 0.8  # least whole step of such times; change of successive steps of a motion, at most
+SLOW = 10  # least constant whole step of times that may be seconds as well, as in the log of a creep
 RIGID = 0.3  # fraction by which the distance of neighbours on one body may change
 INPUTS = ("pressure", "inputs", "linear")  # entries of a mapping that name the inputs and convert their values
 SCALES = ("camera", "length_unit")  # a mapping states one of them
@@ -80,7 +84,9 @@ class TableGuess:
                  **dict.fromkeys(SCALES if set(SCALES) & set(stated) else ()), **stated}
         mapping, neutral = ({**{k: v for k, v in entries.items() if k not in named}, **stated}
                             for entries in (self.mapping, self.neutral))  # fmt: skip
+        units = {"time_unit", "length_unit"} & set(named)
         return replace(self, mapping=mapping, neutral=neutral,
+                       notes=tuple(n for n in self.notes if not units & set(n.split())),
                        questions={k: q for k, q in self.questions.items() if k not in named})  # fmt: skip
 
     @property
@@ -153,14 +159,16 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     used = {k for at in stations.values() for columns in at.values() for k in columns} | stated_columns(table, stated)
     used |= {k for columns in sensors.values() for k in columns}
     clocks = [k for k, name in enumerate(table.names) if k not in used and is_time(name)]
-    clock = next((k for k in clocks if table.changes(k)), None)
+    clocks.sort(key=lambda k: parted(table.names[k])[0] not in CLOCKS)
+    clock = next((k for k in clocks if runs(table.values[:, k])), None)
     parts = parted_clock(table.names) if clock is None else None
     used |= {parts.seconds, parts.fraction} if parts else set()
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
     rest = [k for k in rest if k != trial]
-    timed = {"time": [table.names[parts.seconds], table.names[parts.fraction]], "time_unit": parts.unit} if parts else \
-        clock_entries(table, clock, stations)
+    timed, of_times = clock_entries(table, clock, stations)
+    if parts:
+        timed = {"time": [table.names[parts.seconds], table.names[parts.fraction]], "time_unit": parts.unit}
     mapping: dict[str, Any] = {"header": True, **delimited(table), **timed}
     shape, note = shape_entries(table, stations, sensors)
     mapping |= {**shape, **({"stations": places} if places else {})}
@@ -172,7 +180,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     trials = None
     if trial is not None and (values := blocks(table.values[:, trial])):
         trials = (table.names[trial], values)
-    return asked({**mapping, **inputs}, table, [note, *notes], trials)
+    return asked({**mapping, **inputs}, table, [note, of_times, *notes], trials)
 
 
 def shape_entries(
@@ -195,22 +203,39 @@ def delimited(table: PlainTable) -> dict[str, Any]:
 
 def clock_entries(
     table: PlainTable, clock: int | None, stations: Mapping[str, Mapping[str, Sequence[int]]],
-) -> dict[str, Any]:
-    """Return the entries of the time column, or an open question for the frame rate.
+) -> tuple[dict[str, Any], str]:
+    """Return the entries of the time column, or an open question for the frame rate; and a sentence on the unit.
 
-    Times without a unit in whole steps of 5 or more are milliseconds if the stations move smoothly from row to row.
+    Times without a unit in whole steps of 5 or more are milliseconds if the stations move smoothly from row to row. If
+    the steps are all equal and 10 or more, their unit is an open question: they may be seconds.
     """
     if clock is None:
-        return {"rate_hz": OPEN}
-    unit = parted(table.names[clock])[1] if table.names else ""
+        return {"rate_hz": OPEN}, ""
     entry = {"time": table.names[clock] if table.names else clock}
-    if not unit and stations and table.whole(clock):
-        step = float(np.nanmedian(np.diff(table.values[:, clock])))
-        last = table.values[:, [*stations.values()][-1]["position"]]
-        moves = np.diff(last[np.isfinite(last).all(axis=1)], axis=0)
-        smooth = (np.diff(moves, axis=0) ** 2).sum() < ROUGH**2 * (moves**2).sum()
-        unit = "ms" if MILLISECONDS <= step < 1000 * MILLISECONDS and smooth else ""
-    return {**entry, "time_unit": unit} if unit in ("ms", "us") else entry
+    if unit := clock_unit(table.names[clock]) if table.names else "":
+        return (entry if unit == "s" else {**entry, "time_unit": unit}), ""
+    times = table.values[np.isfinite(table.values[:, clock]), clock]
+    if not table.whole(clock) or len(times) < 2:
+        return entry, ""
+    step = float(np.median(np.diff(times)))
+    if not (MILLISECONDS <= step < 1000 * MILLISECONDS and stations and is_smooth(table, stations)):
+        return entry, "times are taken in s, by their steps: correct time_unit if they are not"
+    if step >= SLOW and counts(times):
+        return {**entry, "time_unit": OPEN}, "times are taken in ms until time_unit is stated"
+    return {**entry, "time_unit": "ms"}, "times are taken in ms, by their steps: correct time_unit if they are not"
+
+
+def clock_unit(name: str) -> str:
+    """Return the unit of time that the name of a column states, or ""."""
+    unit = COUNTERS.get(name.lower()) or parted(name)[1]
+    return unit if unit in SECONDS else ""
+
+
+def is_smooth(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[int]]]) -> bool:
+    """Return whether the last station moves smoothly from row to row."""
+    last = table.values[:, [*stations.values()][-1]["position"]]
+    moves = np.diff(last[np.isfinite(last).all(axis=1)], axis=0)
+    return bool((np.diff(moves, axis=0) ** 2).sum() < ROUGH**2 * (moves**2).sum())
 
 
 def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[int]]]) -> tuple[str, str]:
@@ -220,10 +245,18 @@ def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[
         units = {words_of(table.names[k])[-1] for k in columns}
         if len(units) == 1 and (unit := units.pop()) in {*METRE, PIXEL} and len(words_of(table.names[columns[0]])) > 1:
             return unit, ""
-    known = [values[np.isfinite(values)] for values in table.values[:, columns].T]
-    widest = max((float(np.ptp(np.percentile(values, [1, 99]))) for values in known if values.size), default=0.0)
+    axes = zip_longest(*(at["position"] for at in stations.values()))
+    widest = max(extent(table.values[:, [k for k in axis if k is not None]]) for axis in axes)
     unit = "mm" if widest > MILLIMETRES or np.nanmedian(np.abs(table.values[:, columns])) > 10 * MILLIMETRES else "m"
     return unit, f"positions are taken in {unit}, by their range: correct length_unit if they are not"
+
+
+def extent(coordinate: Array) -> float:
+    """Return the range of a coordinate of all stations (T, S) together, without the lowest and highest 1 %; 0 if no
+    value is known.
+    """
+    known = coordinate[np.isfinite(coordinate)]
+    return float(np.ptp(np.percentile(known, [1, 99]))) if known.size else 0.0
 
 
 def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
@@ -293,11 +326,11 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     if not stations:
         return None
     unit, note = length_unit(table, stations)
-    mapping: dict[str, Any] = {**delimited(table), **clock_entries(table, clock, stations), "length_unit": unit,
-                               "stations": stations}  # fmt: skip
+    timed, of_times = clock_entries(table, clock, stations)
+    mapping: dict[str, Any] = {**delimited(table), **timed, "length_unit": unit, "stations": stations}
     used = {k for at in stations.values() for columns in at.values() for k in columns}
     left = [k for k in rest if k not in {*used, *steps} and table.changes(k)]
-    notes = [note]
+    notes = [note, of_times]
     if steps:
         mapping |= {"inputs": [{"columns": steps, "kind": "displacement", "unit": "mm"}],
                     "linear": {"actuation": {"scale": OPEN}}}  # fmt: skip
@@ -329,6 +362,13 @@ def rises(values: Array) -> bool:
     """Return whether values (T,) can be times: they never fall, and rise in most rows."""
     step = np.diff(values)
     return bool(np.isfinite(values).all() and (step >= 0).all() and np.mean(step > 0) > 0.5)
+
+
+def runs(values: Array) -> bool:
+    """Return whether values (T,) can be times of one or several trials: they rise, and fall in few rows."""
+    step = np.diff(values[np.isfinite(values)])
+    rising, falling = int(np.sum(step > 0)), int(np.sum(step < 0))
+    return rising >= max(1, 2 * falling)
 
 
 def is_rotation(values: Array) -> bool:
@@ -367,6 +407,9 @@ def asked(
     if mapping.get("rate_hz") == OPEN:
         neutral["rate_hz"] = 100.0
         questions["rate_hz"] = "rows a second: the table has no column of time"
+    if mapping.get("time_unit") == OPEN:
+        neutral["time_unit"] = "ms"
+        questions["time_unit"] = "unit of the times, whole numbers in equal steps without a unit: s, ms, us or ns"
     if mapping.get("camera"):
         neutral["camera"] = {"pixels_per_mm": 1.0}
     if (pressure := mapping.get("pressure")) and pressure["unit"] == OPEN:

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import xarray as xr
 
 from pliant.errors import InputError
@@ -18,7 +17,7 @@ from pliant.recording.mapping import options_of, refuse_idle
 from pliant.recording.mat import trials_of
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
 from pliant.sensing import read_shape
-from pliant.study.column_guess import MILLIMETRES, TableGuess, guessed_table
+from pliant.study.column_guess import MILLIMETRES, TableGuess, extent, guessed_table
 
 TRACKERS = ("deeplabcut", "sleap")
 MADE_UP = {"rate_hz": 30.0, "pixels_per_mm": 1.0}
@@ -64,8 +63,7 @@ def too_large(recording: xr.Dataset) -> bool:
     if "position" not in recording:
         return False
     place = recording["position"].values
-    known = place[np.isfinite(place).all(axis=-1)]
-    return bool(known.size and np.ptp(np.percentile(known, [1, 99], axis=0), axis=0).max() > MILLIMETRES)
+    return max(extent(place[..., axis]) for axis in range(place.shape[-1])) > MILLIMETRES
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:

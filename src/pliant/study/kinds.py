@@ -34,6 +34,10 @@ GOES_ON = 0.5  # of the largest spread of a quarter of a recording: the body mov
 GROWS = 1.05  # largest displacement of a quarter over that of the quarter before: no vibration that decays
 FEWEST_MOVING = 40  # frames that show how a motion goes on
 NAMED = re.compile(r"(?<![A-Za-z0-9.])(\d+(?:\.\d+)?)[ _-]?(N|mN|mm|cm|deg|rad)(?![A-Za-z0-9])")
+NEGATIVE = re.compile(r"[-\u2212\u2013]$")
+UNCLEAR = re.compile(  # before a number: a sign or a hyphen, a decimal comma, another number, a sign in words
+    r"(?:[^\s_(\[=][-+\u2212\u2013]|\d,|(?<![A-Za-z0-9.])(?:0|[1-9]\d*)[_ ]|(?:minus|neg|negative)[_ ])$",
+    re.IGNORECASE)
 OF_TENDONS = {"tension": ("N", NEWTON), "displacement": ("m", METRE), "angle": ("rad", RADIAN)}  # SI unit, known units
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
@@ -104,15 +108,16 @@ def levels_comment(one: TrialOfDraft, levels: Mapping[str, float | str]) -> str:
 
 
 def named_level(trial: Trial) -> tuple[str, float] | None:
-    """Return the kind and the value [SI] of the input of a tendon that the name of a file states, such as m1_2.5N;
-    None if it states none.
+    """Return the kind and the value [SI] of the input of a tendon that the name of a file states, such as m1_2.5N
+    or m1_-3mm; None if it states none, or if its sign or its decimals are unclear, as in motor-20deg or 2_5N.
     """
-    stated = NAMED.findall(trial.path.stem)
-    if not stated:
+    stated = [*NAMED.finditer(trial.path.stem)]
+    before = trial.path.stem[: stated[-1].start()] if stated else ""
+    if not stated or UNCLEAR.search(before):
         return None
-    number, unit = stated[-1]
+    number, unit = stated[-1].groups()
     kind, scale = next((kind, units[unit.lower()]) for kind, (_, units) in OF_TENDONS.items() if unit.lower() in units)
-    return kind, float(number) * scale
+    return kind, float(number) * (-scale if NEGATIVE.search(before) else scale)
 
 
 def named_kind(trials: Sequence[Trial]) -> str:
