@@ -41,6 +41,16 @@ def test_a_row_that_is_no_row_of_units_stays(below):
 def test_stations_go_from_base_to_tip_by_their_names():
     assert base_to_tip(["tip", "mid", "BasePlate"]) == ["BasePlate", "mid", "tip"]
     assert base_to_tip(["p2", "p1"]) == ["p2", "p1"]
+    assert base_to_tip(["marker3_tip", "marker2", "marker1_base"]) == ["marker1_base", "marker2", "marker3_tip"]
+    assert base_to_tip(["tip_1", "m2", "root"]) == ["root", "m2", "tip_1"]
+
+
+@pytest.mark.parametrize("stations", [
+    ["s1_base", "s1_tip", "s2_base", "s2_tip"], ["base", "seg1_end", "seg2_mid"], ["base", "s1_tip", "s2_tip"],
+    ["tip1", "tip2", "root", "base"], ["base_to_tip", "p1"],
+])  # fmt: skip
+def test_stations_of_several_segments_stay_in_the_order_of_their_columns(stations):
+    assert base_to_tip(stations) == stations
 
 
 def test_pixels_without_a_scale_are_no_metres(tmp_path):

@@ -312,12 +312,26 @@ def clock_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
 
 
 def base_to_tip(stations: Sequence[str]) -> list[str]:
-    """Return the names of stations with those that say base first and those that say tip or end last."""
-    def rank(name: str) -> int:
-        words = {word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)}
-        return 0 if words & AT_BASE else 2 if words & AT_TIP else 1
+    """Return the names of stations with the only one that says base first, and the only one that says tip or end last.
+    Where several say so, each of a segment of its own, the order stays.
+    """
+    bases = [name for name in stations if _says(name, AT_BASE)]
+    tips = [name for name in stations if _says(name, AT_TIP) and not _precedes(name, stations)]
+    first, last = (names if len(names) == 1 else [] for names in (bases, tips))
+    if first == last:
+        return list(stations)
+    return [*first, *(name for name in stations if name not in (*first, *last)), *last]
 
-    return sorted(stations, key=rank)
+
+def _says(name: str, words: Collection[str]) -> bool:
+    return bool({word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)} & set(words))
+
+
+def _precedes(name: str, stations: Sequence[str]) -> bool:
+    """Return whether a station such as seg1_end is the end of a segment before the last, as seg2_mid shows."""
+    segment = re.match(r"\D*(\d{1,9})(?=\D)", name)
+    others = [int(number) for station in stations for number in re.findall(r"\d{1,9}", station)]
+    return segment is not None and int(segment[1]) < max(others)
 
 
 def stations_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
