@@ -38,6 +38,35 @@ def test_a_row_that_is_no_row_of_units_stays(below):
     assert with_units(lines, 0, ",", "a.csv") == (lines, [])
 
 
+@pytest.mark.parametrize(("names", "below", "expected"), [
+    ("t,x_tip,y_tip", "(s),(mm),(mm)", "t [s],x_tip [mm],y_tip [mm]"),
+    ("t,x_tip,y_tip", "[ms],<mm>,", "t [ms],x_tip [mm],y_tip"),
+    ("time_ms,tip_x_mm,tip [mm]", "ms,mm,mm", "time_ms,tip_x_mm,tip [mm]"),
+    ("time_sec,tip_x (mm),p_kPa", "s,mm,kPa", "time_sec,tip_x (mm),p_kPa"),
+    ("x_m,tip_px,p_min,x_in", "mm,mm,kPa,mm", "x_m [mm],tip_px [mm],p_min [kPa],x_in [mm]"),
+    ("time,tip_x,temp,room,angle", "sec,mm,°C,degC,°", "time [s],tip_x [mm],temp,room,angle [deg]"),
+    ("time,tip_x,note", "µs,mm,", "time [us],tip_x [mm],note"),
+])  # fmt: skip
+def test_a_row_of_units(names, below, expected):
+    lines, history = with_units([names, below, "1,2,3"], 0, ",", "a.csv")
+    assert lines == [expected, "", "1,2,3"]
+    assert history == ["line 2 of a.csv holds units: they are read as those of its columns"]
+
+
+@pytest.mark.parametrize("name", ["tip_x_mm", "tip_x [mm]"])
+def test_a_name_and_a_row_of_units_that_differ_are_refused(name):
+    with pytest.raises(InputError, match=r"a.csv: the name of the column '.*' states mm, but .* states cm: correct"):
+        with_units([f"t,{name}", "s,cm", "1,2"], 0, ",", "a.csv")
+
+
+def test_bracketed_units_below_the_names_are_used(tmp_path):
+    rows = [f"{20 * k},{k},5\n" for k in range(6)]
+    (tmp_path / "a.csv").write_text("time_ms,tip_x,tip_y\n(ms),(mm),(mm)\n" + "".join(rows))
+    recording = read(tmp_path / "a.csv")
+    assert recording["time"].values[-1] == pytest.approx(0.1)
+    assert float(recording["position"].max()) == pytest.approx(0.005)
+
+
 def test_stations_go_from_base_to_tip_by_their_names():
     assert base_to_tip(["tip", "mid", "BasePlate"]) == ["BasePlate", "mid", "tip"]
     assert base_to_tip(["p2", "p1"]) == ["p2", "p1"]
