@@ -92,3 +92,27 @@ def test_a_stated_unit_of_time_is_not_replaced_by_that_of_a_name(tmp_path):
     (tmp_path / "a.csv").write_text("time,x_tip,y_tip\n" + "".join(f"{20 * k},{k},5\n" for k in range(6)))
     recording = read(tmp_path / "a.csv", mapping={"time_unit": "ms", "length_unit": "mm"})
     assert recording["time"].values.tolist() == pytest.approx([0.02 * k for k in range(6)])
+
+
+@pytest.mark.parametrize(("header", "name", "stated", "factor"), [
+    ("time [ms]", "time", {}, 1e-3),
+    ("time [us]", "time", {}, 1e-6),
+    ("time [ms]", "time [ms]", {}, 1e-3),
+    ("time_ms", "time_ms", {}, 1e-3),
+    ("millis", "millis", {}, 1e-3),
+    ("time", "time", {}, 1.0),
+    ("time [ms]", "time", {"time_unit": "ms"}, 1e-3),
+    ("time", "time", {"time_unit": "ms"}, 1e-3),
+    ("time_ms", "time_ms", {"time_unit": "s"}, 1.0),
+])  # fmt: skip
+def test_a_column_of_time_has_the_unit_in_its_name(tmp_path, header, name, stated, factor):
+    (tmp_path / "a.csv").write_text(f"{header},x,y,z\n" + "".join(f"{20 * k},{k},5,0\n" for k in range(6)))
+    recording = read(tmp_path / "a.csv", mapping={**MAPPING, "time": name, **stated})
+    assert recording["time"].values.tolist() == pytest.approx([factor * 20 * k for k in range(6)])
+
+
+@pytest.mark.parametrize("stated", ["s", "us"])
+def test_a_mapping_that_states_another_unit_of_time_than_the_column_is_refused(tmp_path, stated):
+    (tmp_path / "a.csv").write_text("time,x,y,z\nms,mm,mm,mm\n" + "".join(f"{20 * k},{k},5,0\n" for k in range(6)))
+    with pytest.raises(InputError, match=rf"time_unit = '{stated}', but the column 'time \[ms\]' of a.csv is in ms"):
+        read(tmp_path / "a.csv", mapping={**MAPPING, "time": "time", "time_unit": stated})

@@ -326,7 +326,8 @@ def _timed(
         ticks = table[:, columns[0]]
         if len(columns) > 1:
             ticks = PartedClock(columns[0], columns[1], options.time_unit).joined(table)
-        time, wrapped = unwrapped(ticks, "s" if len(columns) > 1 else options.time_unit, header.file)
+        unit = "s" if isinstance(clock, tuple) else header.unit_of_time(clock, options)
+        time, wrapped = unwrapped(ticks, unit, header.file)
         history += wrapped
     keep, more = without_repeats(time, header.file, table[:, sorted(_numeric(header, options))] if whole else None)
     time, table = time[keep], table[keep]
