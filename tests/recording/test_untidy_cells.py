@@ -116,3 +116,10 @@ def test_a_mapping_that_states_another_unit_of_time_than_the_column_is_refused(t
     (tmp_path / "a.csv").write_text("time,x,y,z\nms,mm,mm,mm\n" + "".join(f"{20 * k},{k},5,0\n" for k in range(6)))
     with pytest.raises(InputError, match=rf"time_unit = '{stated}', but the column 'time \[ms\]' of a.csv is in ms"):
         read(tmp_path / "a.csv", mapping={**MAPPING, "time": "time", "time_unit": stated})
+
+
+@pytest.mark.parametrize("stated", [{}, {"time_unit": "ms"}])
+def test_times_of_day_are_seconds_whatever_their_name_says(tmp_path, stated):
+    (tmp_path / "a.csv").write_text("time [ms],x,y,z\n" + "".join(f"10:00:0{k}.500,{k},5,0\n" for k in range(6)))
+    recording = read(tmp_path / "a.csv", mapping={**MAPPING, "time": "time", **stated})
+    assert recording["time"].values.tolist() == pytest.approx([*range(6)])

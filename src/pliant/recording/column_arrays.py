@@ -216,6 +216,7 @@ class ColumnHeader:
 
     def __init__(self, names: list[str], width: int, file: str) -> None:
         self.names, self.width, self.file = names, width, file
+        self.in_seconds: set[int] = set()  # columns of times of day, whose unit no name states
         self.where: dict[str, list[int]] = defaultdict(list)
         for k, name in enumerate(names):
             self.where[name].append(k)
@@ -247,7 +248,10 @@ class ColumnHeader:
         InputError
             When the mapping names the column without the unit in its name, and states another.
         """
-        name = self.names[self.index(column)] if self.names else ""
+        index = self.index(column)
+        if index in self.in_seconds:
+            return "s"
+        name = self.names[index] if self.names else ""
         unit = COUNTERS.get(name.lower(), parted(name)[1])
         if unit not in SECONDS or "time_unit" not in options.model_fields_set:
             return unit if unit in SECONDS else options.time_unit

@@ -152,6 +152,7 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
     for column in {header.index(c) for c in (*_clocks(options), options.input_time) if c is not None}:
         rows, clock = with_seconds(rows, delimiter, column, name)
         findings += clock
+        header.in_seconds |= {column} if clock else set()
     rows = without_text(rows, delimiter, used - worded, header.width, header=named, words=worded)
     table = parse_numbers(rows, name=name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
     return header, table, texts, [*above, *united, *findings, *cut]
