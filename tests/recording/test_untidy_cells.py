@@ -38,9 +38,48 @@ def test_a_row_that_is_no_row_of_units_stays(below):
     assert with_units(lines, 0, ",", "a.csv") == (lines, [])
 
 
+@pytest.mark.parametrize(("names", "below", "expected"), [
+    ("t,x_tip,y_tip", "(s),(mm),(mm)", "t [s],x_tip [mm],y_tip [mm]"),
+    ("t,x_tip,y_tip", "[ms],<mm>,", "t [ms],x_tip [mm],y_tip"),
+    ("time_ms,tip_x_mm,tip [mm]", "ms,mm,mm", "time_ms,tip_x_mm,tip [mm]"),
+    ("time_sec,tip_x (mm),p_kPa", "s,mm,kPa", "time_sec,tip_x (mm),p_kPa"),
+    ("x_m,tip_px,p_min,x_in", "mm,mm,kPa,mm", "x_m [mm],tip_px [mm],p_min [kPa],x_in [mm]"),
+    ("time,tip_x,temp,room,angle", "sec,mm,°C,degC,°", "time [s],tip_x [mm],temp,room,angle [deg]"),
+    ("time,tip_x,note", "µs,mm,", "time [us],tip_x [mm],note"),
+])  # fmt: skip
+def test_a_row_of_units(names, below, expected):
+    lines, history = with_units([names, below, "1,2,3"], 0, ",", "a.csv")
+    assert lines == [expected, "", "1,2,3"]
+    assert history == ["line 2 of a.csv holds units: they are read as those of its columns"]
+
+
+@pytest.mark.parametrize("name", ["tip_x_mm", "tip_x [mm]"])
+def test_a_name_and_a_row_of_units_that_differ_are_refused(name):
+    with pytest.raises(InputError, match=r"a.csv: the name of the column '.*' states mm, but .* states cm: correct"):
+        with_units([f"t,{name}", "s,cm", "1,2"], 0, ",", "a.csv")
+
+
+def test_bracketed_units_below_the_names_are_used(tmp_path):
+    rows = [f"{20 * k},{k},5\n" for k in range(6)]
+    (tmp_path / "a.csv").write_text("time_ms,tip_x,tip_y\n(ms),(mm),(mm)\n" + "".join(rows))
+    recording = read(tmp_path / "a.csv")
+    assert recording["time"].values[-1] == pytest.approx(0.1)
+    assert float(recording["position"].max()) == pytest.approx(0.005)
+
+
 def test_stations_go_from_base_to_tip_by_their_names():
     assert base_to_tip(["tip", "mid", "BasePlate"]) == ["BasePlate", "mid", "tip"]
     assert base_to_tip(["p2", "p1"]) == ["p2", "p1"]
+    assert base_to_tip(["marker3_tip", "marker2", "marker1_base"]) == ["marker1_base", "marker2", "marker3_tip"]
+    assert base_to_tip(["tip_1", "m2", "root"]) == ["root", "m2", "tip_1"]
+
+
+@pytest.mark.parametrize("stations", [
+    ["s1_base", "s1_tip", "s2_base", "s2_tip"], ["base", "seg1_end", "seg2_mid"], ["base", "s1_tip", "s2_tip"],
+    ["tip1", "tip2", "root", "base"], ["base_to_tip", "p1"],
+])  # fmt: skip
+def test_stations_of_several_segments_stay_in_the_order_of_their_columns(stations):
+    assert base_to_tip(stations) == stations
 
 
 def test_pixels_without_a_scale_are_no_metres(tmp_path):
@@ -53,3 +92,34 @@ def test_a_stated_unit_of_time_is_not_replaced_by_that_of_a_name(tmp_path):
     (tmp_path / "a.csv").write_text("time,x_tip,y_tip\n" + "".join(f"{20 * k},{k},5\n" for k in range(6)))
     recording = read(tmp_path / "a.csv", mapping={"time_unit": "ms", "length_unit": "mm"})
     assert recording["time"].values.tolist() == pytest.approx([0.02 * k for k in range(6)])
+
+
+@pytest.mark.parametrize(("header", "name", "stated", "factor"), [
+    ("time [ms]", "time", {}, 1e-3),
+    ("time [us]", "time", {}, 1e-6),
+    ("time [ms]", "time [ms]", {}, 1e-3),
+    ("time_ms", "time_ms", {}, 1e-3),
+    ("millis", "millis", {}, 1e-3),
+    ("time", "time", {}, 1.0),
+    ("time [ms]", "time", {"time_unit": "ms"}, 1e-3),
+    ("time", "time", {"time_unit": "ms"}, 1e-3),
+    ("time_ms", "time_ms", {"time_unit": "s"}, 1.0),
+])  # fmt: skip
+def test_a_column_of_time_has_the_unit_in_its_name(tmp_path, header, name, stated, factor):
+    (tmp_path / "a.csv").write_text(f"{header},x,y,z\n" + "".join(f"{20 * k},{k},5,0\n" for k in range(6)))
+    recording = read(tmp_path / "a.csv", mapping={**MAPPING, "time": name, **stated})
+    assert recording["time"].values.tolist() == pytest.approx([factor * 20 * k for k in range(6)])
+
+
+@pytest.mark.parametrize("stated", ["s", "us"])
+def test_a_mapping_that_states_another_unit_of_time_than_the_column_is_refused(tmp_path, stated):
+    (tmp_path / "a.csv").write_text("time,x,y,z\nms,mm,mm,mm\n" + "".join(f"{20 * k},{k},5,0\n" for k in range(6)))
+    with pytest.raises(InputError, match=rf"time_unit = '{stated}', but the column 'time \[ms\]' of a.csv is in ms"):
+        read(tmp_path / "a.csv", mapping={**MAPPING, "time": "time", "time_unit": stated})
+
+
+@pytest.mark.parametrize("stated", [{}, {"time_unit": "ms"}])
+def test_times_of_day_are_seconds_whatever_their_name_says(tmp_path, stated):
+    (tmp_path / "a.csv").write_text("time [ms],x,y,z\n" + "".join(f"10:00:0{k}.500,{k},5,0\n" for k in range(6)))
+    recording = read(tmp_path / "a.csv", mapping={**MAPPING, "time": "time", **stated})
+    assert recording["time"].values.tolist() == pytest.approx([*range(6)])

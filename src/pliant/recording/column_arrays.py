@@ -11,6 +11,8 @@ from pydantic import Field, field_validator, model_validator
 from pliant.errors import InputError, clipped
 from pliant.recording.arrays import INPUT_SI
 from pliant.recording.camera import Camera
+from pliant.recording.clock import SECONDS
+from pliant.recording.column_names import COUNTERS, parted
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.units import metre_per, pascal_per, radian_per
 
@@ -127,8 +129,8 @@ class ColumnMapping(FileMapping):
     skip_lines : int, optional
         Lines before the table. Default: those with at most half as many cells as its rows.
     time : column or two columns, optional
-        Column of time in `time_unit`, or a column of seconds and one of their fraction in `time_unit`. Times of day,
-        such as 10:11:12.5, are read as they are. Without it `rate_hz` is needed.
+        Column of time in `time_unit` (default: the unit in its name, or s), or a column of seconds and one of their
+        fraction in `time_unit`. Times of day, such as 10:11:12.5, are read as they are. Without it `rate_hz` is needed.
     input_time : column, optional
         Column of the times of pressure and inputs, where they have a clock of their own in the table.
     na : list of str or float
@@ -214,6 +216,7 @@ class ColumnHeader:
 
     def __init__(self, names: list[str], width: int, file: str) -> None:
         self.names, self.width, self.file = names, width, file
+        self.in_seconds: set[int] = set()  # columns of times of day, whose unit no name states
         self.where: dict[str, list[int]] = defaultdict(list)
         for k, name in enumerate(names):
             self.where[name].append(k)
@@ -236,6 +239,26 @@ class ColumnHeader:
             raise InputError(f"{self.file} has no column {column}, since its columns are 0 to {self.width - 1}: "
                              "correct the mapping")
         return column
+
+    def unit_of_time(self, column: Column, options: ColumnMapping) -> str:
+        """Return the unit of a column of time: as the mapping states it, or else as the name of the column does.
+
+        Raises
+        ------
+        InputError
+            When the mapping names the column without the unit in its name, and states another.
+        """
+        index = self.index(column)
+        if index in self.in_seconds:
+            return "s"
+        name = self.names[index] if self.names else ""
+        unit = COUNTERS.get(name.lower(), parted(name)[1])
+        if unit not in SECONDS or "time_unit" not in options.model_fields_set:
+            return unit if unit in SECONDS else options.time_unit
+        if isinstance(column, str) and column != name and unit != options.time_unit:
+            raise InputError(f"the mapping states time_unit = {options.time_unit!r}, but the column {clipped(name)!r} "
+                             f"of {self.file} is in {unit}: correct time_unit, or write the whole name as time")
+        return options.time_unit
 
 
 def station_arrays(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -40,8 +41,11 @@ TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orie
 BODY = "body"  # name of a single tracked body, where the names of its columns hold none
 BRACKETED = re.compile(r"(.+?)[\s_]*[\[(]\s*([^\[\]()]+?)\s*[\])]")  # tip_x [mm]
 ENDING = re.compile(r"(.+)[_ ]([A-Za-z]+)")  # tip_x_mm
-OTHERS = re.compile(r"f|force|a|acc\w*|gyro\w*|mag\w*|v|vel\w*|torque|moment|rot\w*|angle|q|o|ori\w*|quat\w*|grav\w*|g|"
-                    r"imu\w*|euler\w*|omega|w", re.IGNORECASE)  # fmt: skip
+WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
+LETTERS = set("afgoqvw")  # of quantities that are no positions
+OTHERS = re.compile(r"forces?|acc\w*|gyr\w*|mag(?!nets?$)\w*|vel\w*|speed|twist|torques?|moments?|wrench\w*|load_?cell|"
+                    r"rot\w*|ang|angles?|angular|orient\w*|ori|quat\w*|grav\w*|imu\w*|euler\w*|omega|target|goal|ref|"
+                    r"reference|cmd|command\w*|des|desired|setpoint|set_point")  # fmt: skip
 ELSEWHERE = r"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|atm\w*|ambient|barom\w*"  # not in the body
 PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
@@ -105,6 +109,19 @@ def is_time(name: str) -> bool:
     return parted(name)[0] in TIMES or name.lower() in COUNTERS
 
 
+def words_of(name: str) -> list[str]:
+    """Return the words and numbers of a column name in lower case: servo_4_mm gives servo, 4, mm."""
+    return [word.lower() for word in WORD.findall(name)]
+
+
+def is_no_place(words: Sequence[str]) -> bool:
+    """Return whether a word, or two words in a row, of a column name say a quantity that is no measured position, such
+    as velocity, force or target.
+    """
+    pairs = (f"{first}_{second}" for first, second in pairwise(words))
+    return any(OTHERS.fullmatch(word) for word in (*words, *pairs))
+
+
 def _sentence(changed: Mapping[str, str], units: Iterable[str]) -> list[str]:
     if not changed:
         return []
@@ -120,7 +137,7 @@ def _position(name: str) -> tuple[str, str] | None:
             return f"{match[1].lower()}_{match[2]}", unit
         if match := BEHIND.fullmatch(bare) or JOINED.fullmatch(bare):
             owner, axis = [group for group in match.groups() if group]
-            if not OTHERS.fullmatch(re.split(r"[_ .:]", owner)[-1]):
+            if re.split(r"[_ .:]", owner)[-1].lower() not in LETTERS and not is_no_place(words_of(owner)):
                 return f"{axis.lower()}_{owner}", unit
     return None
 
@@ -295,12 +312,26 @@ def clock_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
 
 
 def base_to_tip(stations: Sequence[str]) -> list[str]:
-    """Return the names of stations with those that say base first and those that say tip or end last."""
-    def rank(name: str) -> int:
-        words = {word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)}
-        return 0 if words & AT_BASE else 2 if words & AT_TIP else 1
+    """Return the names of stations with the only one that says base first, and the only one that says tip or end last.
+    Where several say so, each of a segment of its own, the order stays.
+    """
+    bases = [name for name in stations if _says(name, AT_BASE)]
+    tips = [name for name in stations if _says(name, AT_TIP) and not _precedes(name, stations)]
+    first, last = (names if len(names) == 1 else [] for names in (bases, tips))
+    if first == last:
+        return list(stations)
+    return [*first, *(name for name in stations if name not in (*first, *last)), *last]
 
-    return sorted(stations, key=rank)
+
+def _says(name: str, words: Collection[str]) -> bool:
+    return bool({word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)} & set(words))
+
+
+def _precedes(name: str, stations: Sequence[str]) -> bool:
+    """Return whether a station such as seg1_end is the end of a segment before the last, as seg2_mid shows."""
+    segment = re.match(r"\D*(\d{1,9})(?=\D)", name)
+    others = [int(number) for station in stations for number in re.findall(r"\d{1,9}", station)]
+    return segment is not None and int(segment[1]) < max(others)
 
 
 def stations_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:

@@ -152,6 +152,7 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
     for column in {header.index(c) for c in (*_clocks(options), options.input_time) if c is not None}:
         rows, clock = with_seconds(rows, delimiter, column, name)
         findings += clock
+        header.in_seconds |= {column} if clock else set()
     rows = without_text(rows, delimiter, used - worded, header.width, header=named, words=worded)
     table = parse_numbers(rows, name=name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
     return header, table, texts, [*above, *united, *findings, *cut]
@@ -326,7 +327,8 @@ def _timed(
         ticks = table[:, columns[0]]
         if len(columns) > 1:
             ticks = PartedClock(columns[0], columns[1], options.time_unit).joined(table)
-        time, wrapped = unwrapped(ticks, "s" if len(columns) > 1 else options.time_unit, header.file)
+        unit = "s" if isinstance(clock, tuple) else header.unit_of_time(clock, options)
+        time, wrapped = unwrapped(ticks, unit, header.file)
         history += wrapped
     keep, more = without_repeats(time, header.file, table[:, sorted(_numeric(header, options))] if whole else None)
     time, table = time[keep], table[keep]

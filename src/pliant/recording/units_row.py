@@ -5,16 +5,23 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from pliant.errors import InputError, shown
+from pliant.recording.column_names import ALIASES, WORDS
 from pliant.recording.tables import holds_number, joined, split_cells
 from pliant.units import METRE, NEWTON, PASCAL, RADIAN, SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-NAMED = {*METRE, *PASCAL, *RADIAN, *NEWTON, *SECOND, "ns", "px", "°"}  # join the names of the columns
+SPELLED = {**ALIASES, "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms", "usec": "us",
+           "microseconds": "us", "µs": "us", "μs": "us", "µm": "um", "μm": "um"}  # fmt: skip
+NAMED = {*METRE, *PASCAL, *RADIAN, *NEWTON, *SECOND, "ns", "px"}  # join the names of the columns
 UNITS = NAMED | {"", "-", "g", "kg", "v", "mv", "a", "ma", "hz", "%", "counts", "m/s", "m/s2", "m/s^2", "rad/s",
-                 "deg/s", "degrees", "seconds", "none", "n/a"}  # fmt: skip
-BRACKETS = re.compile(r"[\[(<]?\s*([^\[\]()<>]*?)\s*[\])>]?")
+                 "deg/s", "°/s", "dps", "rpm", "mm/s", "nm", "n m", "n*m", "°c", "degc", "deg c", "celsius", "c", "k",
+                 "ut", "gauss", "l/min", "ohm", "none", "n/a"}  # fmt: skip
+KINDS = (METRE, PASCAL, RADIAN, NEWTON, {*SECOND, "ns"})
+BRACKETS = re.compile(r"\[\s*([^\[\]]*?)\s*\]|\(\s*([^()]*?)\s*\)|<\s*([^<>]*?)\s*>")
+STATED = re.compile(r"(?P<name>.+?)(?:[\s_]*[\[(]\s*(?P<bracketed>[^\[\]()]+?)\s*[\])]|[_ ](?P<ending>[^\W\d_]+|°))")
 
 
 def with_units(lines: Sequence[str], first: int, delimiter: str | None, file: str) -> tuple[list[str], list[str]]:
@@ -25,13 +32,36 @@ def with_units(lines: Sequence[str], first: int, delimiter: str | None, file: st
     if below == len(lines):
         return list(lines), []
     names, cells = (split_cells(lines[k], delimiter) for k in (first, below))
-    cells = [BRACKETS.sub(r"\1", cell, count=1) for cell in cells]
+    cells = [without_brackets(cell) for cell in cells]
     if len(cells) != len(names) or any(holds_number(cell) for cell in [*names, *cells] if cell):
         return list(lines), []
     known = [cell.lower() in UNITS for cell in cells if cell]
     if len(known) < 2 or not all(known):
         return list(lines), []
-    united = [f"{name} [{cell}]" if cell.lower() in NAMED and cell and f"[{cell}]" not in name else name
-              for name, cell in zip(names, cells, strict=True)]  # fmt: skip
+    united = [_united(name, cell, file) for name, cell in zip(names, cells, strict=True)]
     rows = [*lines[:first], joined(united, delimiter), *lines[first + 1 : below], "", *lines[below + 1 :]]
     return rows, [f"line {below + 1} of {file} holds units: they are read as those of its columns"]
+
+
+def without_brackets(cell: str) -> str:
+    """Return the unit in a cell such as "[mm]" or "mm", in the spelling that names of columns use."""
+    match = BRACKETS.fullmatch(cell)
+    unit = "".join(group or "" for group in match.groups()) if match else cell
+    return SPELLED.get(unit.lower(), unit)
+
+
+def _united(name: str, unit: str, file: str) -> str:
+    """Return the name of a column with its unit in brackets, or as it is if it states one already."""
+    if not unit or unit.lower() not in NAMED:
+        return name
+    match = STATED.fullmatch(name)
+    ending = ((match["bracketed"] or match["ending"]) if match else "").lower()
+    stated = SPELLED.get(ending, ending)
+    if match is None or stated not in NAMED or (match["ending"] and ending in WORDS):
+        return f"{name} [{unit}]"
+    if stated == unit.lower():
+        return name
+    if match["ending"] and (len(ending) == 1 or not any({stated, unit.lower()} <= set(kind) for kind in KINDS)):
+        return f"{name} [{unit}]"  # x_m is the x of a station m, and tip_px that of a station tip
+    raise InputError(f"{file}: the name of the column {shown(name)} states {ending}, but the row of units below it "
+                     f"states {unit}: correct one")

@@ -17,7 +17,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.clock import SECONDS
-from pliant.recording.column_names import COUNTERS, is_time, parted, parted_clock
+from pliant.recording.column_names import COUNTERS, is_time, parted, parted_clock, words_of
 from pliant.recording.registry import describes_columns
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import (
@@ -26,7 +26,6 @@ from pliant.study.table_columns import (
     sensors_by_name,
     stations_by_name,
     stations_by_standard,
-    words_of,
 )
 from pliant.units import METRE, NEWTON, PASCAL, PIXEL, RADIAN
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing.plausibility.together import alike
+from pliant.recording.column_names import words_of
 from pliant.study.first_reading import several, with_logs
 from pliant.study.kinds import Kind, PoseOfFile, PoseOfRow, UnrecordedPressure, WithoutCause, recognised
-from pliant.study.table_columns import words_of
 from pliant.study.trial import (
     Trial,
     from_first_frames,

@@ -11,7 +11,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.cells import ends_alike, is_time_of_day, with_seconds, without_trailing
-from pliant.recording.column_names import base_to_tip, standard_names, stations_of
+from pliant.recording.column_names import base_to_tip, is_no_place, standard_names, stations_of, words_of
 from pliant.recording.tables import (
     DELIMITERS,
     holds_number,
@@ -25,10 +25,10 @@ from pliant.recording.units_row import with_units
 from pliant.units import METRE
 
 Array = np.ndarray
-WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
-NO_PLACE = {"acc", "accel", "gyro", "mag", "vel", "velocity", "force", "moment", "torque", "rot", "euler", "imu"}
 TURNING = {"q", "quat", "quaternion", "orientation"}
-SENSED = re.compile(r"(?:(?P<owner>.+?)_)?(?:imu_)?(?:(?P<turn>q|quat|quaternion|orientation|ori|rot)|a|acc|accel|"
+ACCELERATIONS = {"a", "acc", "accel", "acceleration", "linear_acceleration"}
+TURNS = {*TURNING, "ori", "rot"}
+SENSED = re.compile(r"(?:(?P<owner>.+?)_)?(?:imu_)?(?P<kind>q|quat|quaternion|orientation|ori|rot|a|acc|accel|"
                     r"acceleration|linear_acceleration|g|grav|gravity)_?(?P<axis>[xyzw])(?:_m_s_?2?)?")  # fmt: skip
 
 
@@ -72,20 +72,17 @@ def plain_table(path: Path) -> PlainTable | None:
     return PlainTable(names, values, delimiter or "space")
 
 
-def words_of(name: str) -> list[str]:
-    """Return the words and numbers of a column name in lower case: servo_4_mm gives servo, 4, mm."""
-    return [word.lower() for word in WORD.findall(name)]
-
-
 def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
     """Return the stations whose x, y and z (and quaternion) columns the names show: name -> column indices."""
     parts: dict[str, dict[str, int]] = {}
     for k, name in enumerate(names):
         words = [w for w in words_of(name) if w not in METRE or w in ("m", "in")]
         axis = axis_of(words)
-        if axis and not NO_PLACE & set(words):
+        if axis and not is_no_place(words):
             owner = "_".join(w for w in words if w not in {*axis, axis, *TURNING, "position", "pos", "pose"})
             parts.setdefault(owner, {}).setdefault(axis, k)
+    if {"a", "g"} <= set(parts) and "b" not in parts:  # a_x and g_x are an acceleration and a rate of turning
+        parts = {owner: at for owner, at in parts.items() if owner not in ("a", "g")}
     stations = {}
     for owner, at in parts.items():
         if all(a in at for a in "xyz"):
@@ -111,17 +108,22 @@ def sensors_by_name(table: PlainTable) -> dict[str, list[int]]:
     """Return the sensors of a table without positions, by their name: the columns of the three components of an
     acceleration, or of the four of a quaternion.
     """
-    kinds: dict[str, dict[str, dict[str, int]]] = {"xyz": {}, "xyzw": {}}
+    groups: dict[tuple[str, str], dict[str, int]] = {}
     for k, name in enumerate(table.names):
         words = words_of(name.partition("[")[0].removesuffix("_g"))
-        last = SENSED.fullmatch("_".join(words))
-        if last and (axis := last["axis"]):
-            parts = "xyzw" if last["turn"] else "xyz"
-            kinds[parts].setdefault(last["owner"] or "tip", {})[axis] = k
+        if match := SENSED.fullmatch("_".join(words)):
+            key = (match["owner"] or "tip", match["kind"])
+            groups.setdefault(key, {}).setdefault(match["axis"], k)
+    accelerated = {owner for owner, kind in groups if kind in ACCELERATIONS}
     for parts in ("xyzw", "xyz"):
-        whole = {owner: [at[a] for a in parts] for owner, at in kinds[parts].items() if set(at) == set(parts)}
-        if whole:
-            return whole
+        sensors: dict[str, list[int]] = {}
+        for (owner, kind), axes in groups.items():
+            turns = kind in TURNS
+            rate = kind == "g" and owner in accelerated  # gx beside ax is of a gyroscope
+            if turns == (parts == "xyzw") and set(axes) == set(parts) and not rate:
+                sensors.setdefault(owner, [axes[a] for a in parts])
+        if sensors:
+            return sensors
     return {}
 
 
