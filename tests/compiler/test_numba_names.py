@@ -28,6 +28,7 @@ NAMES = {
         "intrinsic", "lower_builtin", "lower_cast", "make_attribute_wrapper", "models", "overload", "register_jitable",
         "register_model"},
     "numba.core.imputils": {"impl_ret_borrowed"},
+    "numba.core.registry": {"cpu_target"},
     "numba.core.runtime.nrt": {"rtsys"},
     "numba.core.typeconv.castgraph": {"Conversion"},
     "numba.core.typing.templates": {"AbstractTemplate", "infer_global", "signature"},

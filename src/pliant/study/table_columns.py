@@ -78,7 +78,7 @@ def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
     for k, name in enumerate(names):
         words = [w for w in words_of(name) if w not in METRE or w in ("m", "in")]
         axis = axis_of(words)
-        if axis and not is_no_place(words):
+        if axis and not is_no_place([w for w in words if w not in TURNING]):
             owner = "_".join(w for w in words if w not in {*axis, axis, *TURNING, "position", "pos", "pose"})
             parts.setdefault(owner, {}).setdefault(axis, k)
     if {"a", "g"} <= set(parts) and "b" not in parts:  # a_x and g_x are an acceleration and a rate of turning
