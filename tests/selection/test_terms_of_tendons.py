@@ -58,3 +58,12 @@ def test_poses_determine_the_friction_that_made_them(name, value):
     found = fit([exp], model, parameters, time_step=1e-3, starts=1, weighting="metre")
     assert found.values["stiffness"] == pytest.approx(0.02, rel=1e-3)
     assert found.values[name] == pytest.approx(value, rel=1e-3)
+
+
+def test_an_imbalance_that_the_model_states_is_where_its_term_has_no_effect():
+    model, exp = case(pair=True, imbalance=2.0)
+    assert dict(offered(model, exp)["imbalance"].null) == {"pull.imbalance": 2.0}
+    setting, stiffness = FitSetting((exp,), 1e-3), Parameter("stiffness", 0.02)
+    still = setting.problem(model, [stiffness])
+    held = setting.problem(model, [stiffness, *offered(model, exp)["imbalance"].at_null({}, {"stiffness": 0.02})])
+    np.testing.assert_allclose(held.data_residual(held.start), still.data_residual(still.start), atol=1e-12)

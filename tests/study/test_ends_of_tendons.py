@@ -53,3 +53,4 @@ def test_an_input_that_never_moves_does_not_mislead_the_others():
     found = ends_of_held_tendons(gains, HEIGHTS, [None] * 5)
     assert [end for _, end in found[:4]] == [HEIGHTS[e - 1] for e in ENDS]
     assert found[4] == (0.0, HEIGHTS[-1])
+    assert ends_of_held_tendons(np.zeros((2, 2, 2)), HEIGHTS, [None] * 2) == [(0.0, HEIGHTS[-1])] * 2

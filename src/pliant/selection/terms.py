@@ -200,9 +200,9 @@ def relaxation(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
 def paths_of_tendons(model: Model) -> Iterator[Term]:
     """Yield unequal pretensions within pairs of tendons, and tendons that converge along the body."""
     cords = [(start, c) for start, c in zip(prefixes(model), model.chambers, strict=True) if c.signs]
-    unequal = [f"{start}imbalance" for start, c in cords if c.uses("imbalance")]
-    if unequal:
-        yield term("imbalance", "", [Parameter(n, 0.0) for n in unequal], dict.fromkeys(unequal, 0.0))
+    now = {f"{start}imbalance": float(getattr(c, "imbalance", 0.0)) for start, c in cords if c.uses("imbalance")}
+    if now:
+        yield term("imbalance", "", [Parameter(name, value) for name, value in now.items()], now)
     if not any(getattr(c, "taper", 0.0) for _, c in cords):
         yield term("taper", "", [Parameter("taper", 0.0)], {"taper": 0.0})
 

@@ -111,12 +111,18 @@ class HeldTendons:
         alone = [end_of_bend(gain, self.heights) for gain in self.gains]
         stiff = np.array([*np.arctan2(far[:, 1], far[:, 0]), *bend, STIFF])
         soft = np.array([*np.radians([azimuth for azimuth, _ in alone]), *bend, -STIFF])
-        starts = (stiff, [self.edges[-1]] * len(far)), (soft, [end for _, end in alone])
-        _, x, ends = min((self.descent(start, [
-            1 + int(np.argmin(np.abs(self.edges[1:] - (guess if at is None else at))))
-            for guess, at in zip(guesses, known, strict=True)
-        ], known) for start, guesses in starts), key=lambda one: one[0])  # fmt: skip
+        farthest, apart = [self.edges[-1]] * len(far), [end for _, end in alone]
+        descents = (self.descent(stiff, self.parts_up_to(farthest, known), known),
+                    self.descent(soft, self.parts_up_to(apart, known), known))  # fmt: skip
+        _, x, ends = min(descents, key=lambda one: one[0])
         return x[: len(ends)], self.edges[ends]
+
+    def parts_up_to(self, guesses: Sequence[float], known: Sequence[float | None]) -> list[int]:
+        """Return the number of parts along which each tendon runs: up to its known end [m] or, without one, to that of
+        `guesses` [m].
+        """
+        stops = [guess if stated is None else stated for guess, stated in zip(guesses, known, strict=True)]
+        return [1 + int(np.argmin(np.abs(self.edges[1:] - stop))) for stop in stops]
 
     def descent(
         self, start: Array, ends: list[int], known: Sequence[float | None],
@@ -157,15 +163,20 @@ def ends_of_held_tendons(gains: Array, heights: Array, known: Sequence[float | N
         Height of each station along the base tangent at rest [m].
     known : sequence of float or None
         Stated end of each tendon, m.
+
+    Returns
+    -------
+    list of (float, float)
+        For an input that never moves: 0 degrees and the highest end.
     """
     ends = [0.0]
     for height in np.sort(heights[np.isfinite(heights)]):
         if height > max(LOWEST * np.nanmax(heights), ends[-1] + APART * np.nanmax(heights)):
             ends.append(float(height))
     moving = np.nansum(gains**2, axis=(1, 2)) > 0.0  # an input that never moves shows nothing
-    stated = [end for end, moves in zip(known, moving, strict=True) if moves]
-    azimuths, stops = HeldTendons(gains[moving], heights, np.array(ends)).ends(stated)
-    rows = np.zeros((len(gains), 2))
-    rows[:, 1] = ends[-1]
-    rows[moving] = np.stack([np.degrees(azimuths) % 360.0, stops], axis=1)
+    rows = np.column_stack([np.zeros(len(gains)), np.full(len(gains), ends[-1])])
+    if moving.any():
+        stated = [end for end, moves in zip(known, moving, strict=True) if moves]
+        azimuths, stops = HeldTendons(gains[moving], heights, np.array(ends)).ends(stated)
+        rows[moving] = np.column_stack([np.degrees(azimuths) % 360.0, stops])
     return [(float(azimuth), float(end)) for azimuth, end in rows]
