@@ -111,16 +111,22 @@ def march_lanes(state, h, torque, keep, samples, scratch, out):
     for k in range(len(lengths)):
         share_out(0, torques[k], gain, work.tau)
         step(phi, w, lengths[k], work.tau, body, joint, work)
-        now = sound(phi, w, lengths[k], joint, good)
-        if good & ~now:
-            for lane in range(WIDTH):
-                if (good & ~now) >> lane & 1:
-                    out.failed[lane] = k
-            good &= now
+        good = note_failures(good, sound(phi, w, lengths[k], joint, good), k, out.failed)
         row = keep[k]
         if row >= 0:
             keep_lanes(row, phi, w, where, output)
     return good
+
+
+def note_failures(good, now, k, failed):
+    """Write the step k to `failed` (W,) for each sample of the bit mask `good` that is not in the mask `now`. Return
+    the mask of the samples in both.
+    """
+    if good & ~now:
+        for lane in range(WIDTH):
+            if (good & ~now) >> lane & 1:
+                failed[lane] = k
+    return good & now
 
 
 def rest_base(spin):

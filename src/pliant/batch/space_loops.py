@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.batch.simd_loops import FAR
+from pliant.batch.simd_loops import FAR, note_failures
 from pliant.compiler.simd import as_lanes, lanes_of, within
 from pliant.compiler.width import WIDTH
 from pliant.equations.chamber import share_out
@@ -57,12 +57,7 @@ def march_in_space(state, steps, body, joints, work, out):
         for c in range(len(gain)):
             share_out(c, torques[k, c], gain, scratch.tau)
         step(x, v, lengths[k], scratch.tau, mass, springs, scratch)
-        now = sound_in_space(x, v, lengths[k], springs, good)
-        if good & ~now:
-            for lane in range(WIDTH):
-                if (good & ~now) >> lane & 1:
-                    out.failed[lane] = k
-            good &= now
+        good = note_failures(good, sound_in_space(x, v, lengths[k], springs, good), k, out.failed)
         if steps.keep[k] >= 0:
             keep_lane_row(steps.keep[k], x, v, row_x, row_v)
 
