@@ -67,7 +67,7 @@ def in_space(flat, x, v):
     size = 2 * n + S
     body = SpatialBody(
         flat.l, m, c, lateral, np.zeros(n), rotation_about_x(flat.theta0), rotation_about_x(flat.base_angle)[0],
-        0.0, *flat.gravity, *no_tendons(size)[:-1], flat.share,
+        0.0, *flat.gravity, *no_tendons(n, size)[:-1], flat.share,
     )  # fmt: skip
 
     def spread(values):

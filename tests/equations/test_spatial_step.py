@@ -83,7 +83,7 @@ def hanging(n):
     """Equal links that hang straight down, isotropic springs with all terms, no dampers."""
     length, mass = np.full(n + 1, 0.2), np.full(n, 0.1)
     body = SpatialBody(length, mass, length[1:] / 2, mass * length[1:] ** 2 / 12, mass * 1e-4,
-                       np.tile(np.eye(3), (n, 1, 1)), np.eye(3), 0.0, 0.0, 9.81, *no_tendons(2 * n))  # fmt: skip
+                       np.tile(np.eye(3), (n, 1, 1)), np.eye(3), 0.0, 0.0, 9.81, *no_tendons(n, 2 * n))  # fmt: skip
     K = np.full(2 * n, 0.5)
     joints = free_joints(n, 2 * n)._replace(K=K, hardening=np.stack([-0.3 * K, 0.4 * K, np.full(2 * n, 0.25)]))
     start = np.linspace(-0.6, 0.5, 2 * n)
@@ -126,7 +126,7 @@ def test_a_heavy_top_precesses_regularly():
     """Lagrange's top: spin and rate of precession of a steady tilt from its closed form, the axis on its cone."""
     m, c, across, along, g, tilt, turn = 0.2, 0.05, 3e-4, 2e-4, 9.81, 0.5, 4.0
     body = SpatialBody(np.array([0.0, 0.1]), np.array([m]), np.array([c]), np.array([across]), np.array([along]),
-                       np.eye(3)[None], np.eye(3), 0.0, 0.0, -g, *no_tendons(3))  # fmt: skip
+                       np.eye(3)[None], np.eye(3), 0.0, 0.0, -g, *no_tendons(1, 3))  # fmt: skip
     about = across + m * c * c
     spin = (m * g * c + about * np.cos(tilt) * turn**2) / (along * turn)  # about the axis
     axis = np.array([np.sin(tilt), 0.0, np.cos(tilt)])

@@ -28,9 +28,9 @@ class SpaceChain(NamedTuple):
         return workspace(self.n, len(self.x), kind, self.body.share.shape[1], len(self.body.friction))
 
 
-def no_tendons(size):
-    """The last entries of a body without tendons whose length does not change."""
-    return np.zeros((0, size)), *np.zeros((5, 0)), np.zeros((size, 1)), np.zeros((0, 0))
+def no_tendons(n, size):
+    """The last entries of a body of n links without tendons whose length does not change."""
+    return np.zeros((0, size)), *np.zeros((5, 0)), np.zeros((size, 1)), np.zeros((n + 1, 0))
 
 
 def beyond_joints(n, size):
@@ -65,7 +65,8 @@ def random_space_chain(rng, n, *, twist=False, springs=True):
     axial = rng.uniform(1e-6, 1e-5, n)
     body = SpatialBody(
         length, rng.uniform(0.005, 0.03, n), length[1:] * rng.uniform(0.2, 1.0, n),
-        0.5 * axial + rng.uniform(1e-6, 1e-5, n), axial, turns[1:], turns[0], *rng.normal(0, 5, 3), *no_tendons(size),
+        0.5 * axial + rng.uniform(1e-6, 1e-5, n), axial, turns[1:], turns[0], *rng.normal(0, 5, 3),
+        *no_tendons(n, size),
     )  # fmt: skip
     return SpaceChain(body, random_joints(rng, n, size) if springs else free_joints(n, size),
                       rng.uniform(-0.9, 0.9, size), rng.normal(0, 8.0, size))  # fmt: skip
@@ -123,7 +124,7 @@ def of_the_plane(chain, q, dq, *, twist=False, base_length=0.0):
     body = SpatialBody(
         np.append(base_length, chain.l), m, c, lateral, 0.3 * lateral + 1e-8,
         rotation_about_x(chain.theta0), rotation_about_x(chain.base_angle)[0], 0.0, chain.gx, chain.gy,
-        *no_tendons(size),
+        *no_tendons(n, size),
     )  # fmt: skip
 
     def spread(values, beyond=0.0):
