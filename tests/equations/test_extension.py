@@ -74,7 +74,7 @@ def test_lagrange_two_links_one_segment():
     there, rates = np.array(x, object), np.array(v, object)
     on_symbols(extension.place)(there, rates, 0, chain.body(), chain.joints(), work)
     on_symbols(extension.inertia)(chain.body(), work, found)
-    on_symbols(extension.inertial_forces)(rates, chain.body(), work, f)
+    on_symbols(extension.inertial_forces)(rates, chain.body(), chain.joints(), work, f)
     assert all(zero(found[i, j] - M[i, j]) for i in range(size) for j in range(i + 1))
     assert all(zero(f[i] - rest[i]) for i in range(size))
     on_symbols(extension.place)(there, rates, 0, chain.body(), chain.joints(), work)
