@@ -39,9 +39,9 @@ def test_a_pressure_trace_within_its_limits():
 @pytest.mark.slow
 def test_a_policy_for_arms_that_it_has_not_seen():
     pytest.importorskip("osqp", reason="OSQP is not installed: pip install -e '.[mpc]'")
-    found = printed("policy", "--rounds", "15", "--arms", "8")
+    found = printed("policy", "--rounds", "40", "--arms", "8")
     assert found["parameters"] > 1e4
-    assert found["rms_after_mm"] < 0.7 * found["rms_mm"]
+    assert found["rms_after_mm"] < 0.5 * found["rms_mm"]
     assert 0.1 < found["rms_mpc_mm"] < 2.0, "arms that differ from the mean one"
 
 
