@@ -168,6 +168,9 @@ def check_further(exp: Any) -> None:
         if rows.reference not in ("rest", "base"):
             raise InputError(f"experiment {exp.name}: the reference of {name} must be rest or base, not "
                              f"{rows.reference!r}")
+        if exp.poses and rows.reference == "rest":
+            raise InputError(f"experiment {exp.name}: {name} is compared from the first frames on, but a settled pose "
+                             'has none before it: state reference = "base" where the recording is read')
         if exp.base is not None and counts[exp.dimension]:
             raise InputError(f"experiment {exp.name}: {name} refers to fixed axes, but the base moves: leave out the "
                              f"motion of the base, or {name}")

@@ -190,13 +190,14 @@ def _with(kept: xr.Dataset, recording: xr.Dataset, arrays: dict, **coords: objec
     """Return the recording with new arrays; variables without the replaced dimension are kept."""
     station = coords.get("station", [str(n) for n in recording["station"].values])
     arc = coords.get("arc_length", recording["arc_length"].values if "arc_length" in recording.coords else None)
+    constants = {str(n): kept[n].values for n in kept.data_vars if str(n).endswith(CONSTANTS)}
     resampled = make_recording(
         coords.get("time", recording["time"].values), station=station, arc_length=arc,  # type: ignore[arg-type]
         frame=recording.attrs["frame"], attrs=dict(recording.attrs),
-        further={n: array for n, array in arrays.items() if n in FURTHER},
+        further={n: array for n, array in arrays.items() if n in FURTHER} | constants,
         **{n: array for n, array in arrays.items() if n not in FURTHER},
         angle_reference=next((recording[n].attrs["reference"] for n in ("angle", "quaternion", "gravity") if n in arrays
                               and "reference" in recording[n].attrs), "rest"),
     )  # fmt: skip
-    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation") or str(n).endswith(CONSTANTS)}
+    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation")}
     return resampled.assign(others).assign_attrs(recording.attrs)
