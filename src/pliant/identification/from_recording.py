@@ -117,9 +117,7 @@ def experiment(
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
         angles_alone=angles == "only" or angles_alone, drives=drives,
         own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording), warm_up=warm_up,
-        further={variable: FurtherRows(values, constants, reference=reference_of(recording[variable]))
-                 for variable, (values, constants) in recorded_further(recording, used).items()},
-        base=base_of(recording),
+        further=further_of(recording, used), base=base_of(recording),
     )
     if start == "moving" or (start is None and begins_in_motion(exp)):
         exp = replace(exp, start=Moving())
@@ -174,9 +172,15 @@ def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...],
     return {"angle": angle.sel(station=list(stations)).values.astype(float), "angle_reference": reference}
 
 
-def reference_of(variable: xr.DataArray) -> AngleReference:
-    """Return the reference of a further variable of a recording, "base" where it states none."""
-    return "rest" if variable.attrs.get("reference") == "rest" else "base"
+def further_of(recording: xr.Dataset, stations: tuple[str, ...]) -> dict[str, FurtherRows]:
+    """Return the values of further variables of a recording at its stations, with their reference: "base" where they
+    state none.
+    """
+    further = {}
+    for name, (values, constants) in recorded_further(recording, stations).items():
+        reference: AngleReference = "rest" if recording[name].attrs.get("reference") == "rest" else "base"
+        further[name] = FurtherRows(values, constants, reference=reference)
+    return further
 
 
 def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array | None:
