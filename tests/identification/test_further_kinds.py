@@ -93,7 +93,7 @@ def test_a_recording_brings_its_wires(rng):
     many = make_recording(TIMES, raw["position"].values + corners, further={NAME: np.tile(wires, 3)})
     with pytest.raises(InputError, match="assembling clusters would lose wire_of_tests"):
         assemble(many, {"tip": ["s000", "s001", "s002"]})
-    with pytest.raises(InputError, match=r"'girth' is no further kind of measurement \(gravity, wire_of_tests\): leave it out"):
+    with pytest.raises(InputError, match=r"'girth' is no further kind of measurement \(gravity, wire_of_tests\)"):
         make_recording(TIMES, seen, frame="planar", further={"girth": wires})
 
 

@@ -7,9 +7,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from oracles.moving_base import mujoco, xml
 from scipy.spatial.transform import Rotation
 
+from oracles.moving_base import mujoco, xml
 from pliant.model import Chamber, Model, Space, Station, chain_model
 from pliant.simulation import equilibrium
 

@@ -64,9 +64,9 @@ def test_in_the_plane_the_part_across_it_is_left_out_and_named() -> None:
 
 @pytest.mark.parametrize(("entries", "message"), [
     ({"down": [0.0, 0.0, 0.0]}, "not zero"), ({"axes": ["x", "x", "z"]}, "axes are the sensor's axes"),
-    ({"axes": ["y", "x", "z"]}, "right-handed"), ({"axes": ["x", "y"]}, "state in inclination.axes which 3 axes of tip"),
+    ({"axes": ["y", "x", "z"]}, "right-handed"), ({"axes": ["x", "y"]}, "inclination.axes which 3 axes of tip"),
     ({"axes": {"mid": ["x", "y", "z"]}}, "state in inclination.axes which 3 axes of tip"),
-    ({"angles": None}, "inclination needs angles"), ({"angles": {"tip": "ax"}, "angle_unit": "deg"}, "inclination needs"),
+    ({"angles": None}, "inclination needs"), ({"angles": {"tip": "ax"}, "angle_unit": "deg"}, "inclination needs"),
 ])  # fmt: skip
 def test_a_mapping_that_cannot_be_read_says_what_to_state(tmp_path: Path, entries: dict, message: str) -> None:
     path = table(tmp_path, -SEEN)

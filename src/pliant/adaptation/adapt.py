@@ -166,7 +166,7 @@ def adapt_model(
     usual = usual_error(old) if usual is None else usual
     options: dict[str, Any] = {
         "weighting": weighting, "loss": loss, "time_step": old.time_step, "tolerance": TOLERANCE,
-        "least_error": least_error(usual, old, day, weighting),
+        "least_error": least_error(usual, day, weighting),
     }
     prior, released = posterior.prior, dict[str, float]()
     result = fitted_day(posterior, day, prior, options)

@@ -251,11 +251,11 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
         recorded["quaternion"] = orientations_of(recording, model, stations)
     if "gravity" in further:
         check_direction("the recording", further["gravity"][1], model.gravity)
-    for name, (values, constants) in further.items():
-        columns_of = values if values.ndim == 3 else values[..., None]
+    for name, (of_name, fixed) in further.items():
+        measured = of_name if of_name.ndim == 3 else of_name[..., None]
         if recording[name].attrs.get("reference") == "rest":
-            columns_of = columns_of + at_rest(model, stations, name, constants) - first_of(columns_of)
-        recorded[name] = columns_of
+            measured = measured + at_rest(model, stations, name, fixed) - first_of(measured)
+        recorded[name] = measured
     columns, rows, label, variance = [], [], [], []
     for k, s in enumerate(stations):
         values = {n: v[:, k] for n, v in recorded.items() if n != "quaternion" or np.isfinite(v[:, k]).any()}

@@ -120,7 +120,8 @@ def weight(out: Lines, inspected: Inspected, gravity: Sequence[float] | None) ->
     stated = None if gravity is None else [float(g) for g in gravity]
     if stated is None and "gravity" in trials[0].recording:
         toward = trials[0].recording["gravity_constants"].values[0]
-        out.put("gravity", [round(float(g), 4) for g in EARTH * toward], "m/s^2 in the base frame, as the mapping states its direction")
+        vector = [round(float(g), 4) for g in EARTH * toward]
+        out.put("gravity", vector, "m/s^2 in the base frame, as the mapping states its direction")
         return
     if stated is not None or released or (inspected.space and trials[0].recording.attrs["frame"] == "tracker"):
         reason = ": it moves the released body" if released else "; [0.0, 0.0, 0.0] if the weight has no effect"
