@@ -39,7 +39,8 @@ def poses(folder: Path, dimension: int, start: float = 0.0) -> Path:
         angle = np.degrees(0.7 + TURN[:, 0])
         return csv(folder / "base.csv", "t_s,x_mm,y_mm,angle_deg", TIME + start, 1e3 * moved[:, :2], angle)
     quaternion = (robot * Rotation.from_rotvec(TURN)).as_quat()
-    return csv(folder / "base.csv", "t_s,x_m,y_m,z_m,qx,qy,qz,qw", TIME + start, place + robot.apply(SHAKEN), quaternion)
+    moved = place + robot.apply(SHAKEN)
+    return csv(folder / "base.csv", "t_s,x_m,y_m,z_m,qx,qy,qz,qw", TIME + start, moved, quaternion)
 
 
 def stated(dimension: int) -> BaseMotion:

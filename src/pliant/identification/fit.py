@@ -174,9 +174,9 @@ def first_problem(
     FitError, InputError
         When nothing is free, a start value cannot be estimated, or the experiments cannot be fitted together.
     """
-    if len({e.without_positions for e in experiments}) > 1:
-        raise InputError("a fit compares either positions or angles, but some of its experiments have positions and "
-                         "others angles alone: fit them separately")  # fmt: skip
+    if len(alone := {e.alone or "positions" for e in experiments}) > 1:
+        raise InputError("a fit compares either positions or angles or inclinations, but some of its experiments hold "
+                         f"{' and others '.join(sorted(alone))} alone: fit them separately")  # fmt: skip
     check_inclinations(experiments, model, parameters)
     model, filled = searched(experiments, model, parameters, time_step or LONGEST, weighting)
     if not any(p.free for p in filled):
