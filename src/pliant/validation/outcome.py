@@ -192,7 +192,12 @@ class Forecast:
     interval: dict[str, float] = field(default_factory=dict)  # half-widths at 95 % of the numbers
     half_width: Array | None = None  # as `tip`, of the 95 % band about it
     extrapolates: tuple[str, ...] = ()  # inputs, combinations of inputs and loads beyond the training recordings
-    axes: tuple[str, ...] = ("x", "y")  # names of the columns of `tip`
+    rows: tuple[str, ...] = ()  # names of the columns of `tip` where they are neither positions nor an angle
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Return the names of the columns of `tip`: x and y, in space z too, or an angle, or `rows`."""
+        return self.rows or (("angle",) if self.tip.shape[1] == 1 else tuple("xyz"[: self.tip.shape[1]]))
 
     @property
     def shown_in(self) -> tuple[str, float]:

@@ -190,8 +190,8 @@ def forecast_dataset(forecast: Forecast) -> xr.Dataset:
     variables: dict[str, Any] = {"tip": (("time", "axis"), forecast.tip, units)}
     if forecast.half_width is not None:
         variables["half_width"] = (("time", "axis"), forecast.half_width, units)
-    coordinates = {"time": ("time", forecast.time, {"units": "s"}), "axis": list(forecast.axes)}
-    return xr.Dataset(variables, coordinates, {"name": forecast.name})
+    about = {"name": forecast.name, **({"rows": json.dumps(forecast.rows)} if forecast.rows else {})}
+    return xr.Dataset(variables, {"time": ("time", forecast.time, {"units": "s"})}, about)
 
 
 def load_outcome(folder: str | Path) -> StudyOutcome:
@@ -438,5 +438,5 @@ def forecast_of(name: str, entry: dict[str, Any], recording: xr.Dataset) -> Fore
         name, entry["title"], entry["stated"], recording["time"].values, recording["tip"].values,
         {k: v for k, v in entry.items() if k not in apart}, entry["half_width_95"],
         recording["half_width"].values if "half_width" in recording else None, tuple(entry.get("extrapolates", ())),
-        tuple(str(axis) for axis in recording["axis"].values),
+        tuple(json.loads(recording.attrs.get("rows", "[]"))),
     )
