@@ -92,6 +92,20 @@ def test_the_motion_on_a_moving_base_is_mujocos(tmp_path: Path, dimension: int) 
     np.testing.assert_allclose(joints, q, atol=1e-4)
 
 
+def test_a_mapping_names_the_columns_of_noisy_poses(tmp_path: Path) -> None:
+    save_model(arm(2), tmp_path / "model.json")
+    noisy = 1e3 * SHAKEN[:, :2] + 0.05 * np.random.default_rng(1).standard_normal((TIME.size, 2))
+    path, mapping = csv(tmp_path / "base.csv", "a,b,c", TIME, noisy), tmp_path / "map.toml"
+    mapping.write_text('time = "a"\nlength_unit = "mm"\nstations = { base = { position = ["b", "c"] } }\n')
+    done = invoke("simulate", tmp_path / "model.json", "--base", path, "--base-mapping", mapping, "--base-cutoff-hz", "8",
+                  "--time-step-ms", "2", "-o", tmp_path / "a.nc")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    with xr.open_dataset(tmp_path / "a.nc") as motion:
+        assert "passes half of 8 Hz" in motion.attrs["history"]
+        off = motion["base_position"].interp(time=TIME).values - SHAKEN[:, :2]
+    assert np.abs(off).max() < 1e-3
+
+
 def test_what_is_no_motion_of_a_base_is_refused(tmp_path: Path) -> None:
     save_model(arm(2), tmp_path / "model.json")
 
