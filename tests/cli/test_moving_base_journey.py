@@ -97,7 +97,8 @@ def test_a_mapping_names_the_columns_of_noisy_poses(tmp_path: Path) -> None:
     noisy = 1e3 * SHAKEN[:, :2] + 0.05 * np.random.default_rng(1).standard_normal((TIME.size, 2))
     path, mapping = csv(tmp_path / "base.csv", "a,b,c", TIME, noisy), tmp_path / "map.toml"
     mapping.write_text('time = "a"\nlength_unit = "mm"\nstations = { base = { position = ["b", "c"] } }\n')
-    done = invoke("simulate", tmp_path / "model.json", "--base", path, "--base-mapping", mapping, "--base-cutoff-hz", "8",
+    options = ["--base-mapping", mapping, "--base-cutoff-hz", "8"]
+    done = invoke("simulate", tmp_path / "model.json", "--base", path, *options,
                   "--time-step-ms", "2", "-o", tmp_path / "a.nc")  # fmt: skip
     assert done.exit_code == 0, done.output
     with xr.open_dataset(tmp_path / "a.nc") as motion:
