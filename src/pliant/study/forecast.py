@@ -106,7 +106,8 @@ def run_forecast(
     stated = entry.known | ({"level": case.level} if entry.level is not None else {}) | named
     return Forecast(
         name, entry.title or name, stated, case.time, tip, dict(zip(seen, found[:count].tolist(), strict=True)),
-        interval, width, extrapolations(case, result, training, entry.known), case.axes if case.alone in case.further else (),
+        interval, width, extrapolations(case, result, training, entry.known),
+        rows=case.axes if case.alone in case.further else (),
     )
 
 
