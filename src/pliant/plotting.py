@@ -16,6 +16,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from pliant.files import whole
 from pliant.recording.inputs import recorded_inputs
+from pliant.recording.rules import shape_values, shape_variable
 from pliant.units import input_words, shown_in
 
 if TYPE_CHECKING:
@@ -246,13 +247,13 @@ def recording_overview(recording: Any, *, most: int = 5) -> Figure:
     """
     inputs = recorded_inputs(recording)
     units = list(dict.fromkeys(entry.unit for entry in inputs))
-    if "position" in recording:
-        motion, labels = (
-            1e3 * recording["position"].values,
-            [f"displacement {a} (mm)" for a in recording["axis"].values],
-        )
+    shape, values = shape_variable(recording), shape_values(recording)
+    if shape == "position":
+        motion, labels = 1e3 * values, [f"displacement {a} (mm)" for a in recording["axis"].values]
+    elif shape == "angle":
+        motion, labels = np.degrees(values), ["angle from its start (deg)"]
     else:
-        motion, labels = np.degrees(recording["angle"].values)[..., None], ["angle from its start (deg)"]
+        motion, labels = values, [f"change of {shape} {a} (1)" for a in recording["axis"].values]
     names = [str(s) for s in recording["station"].values]
     drawn = sorted(set(np.linspace(0, len(names) - 1, min(most, len(names))).round().astype(int)))
     moved = motion - np.nanmedian(motion[: 10 if "position" in recording else 3], axis=0)

@@ -132,7 +132,7 @@ def test_toml_of_the_data_page_is_what_pliant_takes():
         if not {"alignment", "recordings"} & set(part):
             cores = part.pop("cores", None)
             kinds = {"curvature": CurvatureMapping, "transforms": BagMapping, "stations": ColumnMapping}
-            kinds |= {"inputs": ColumnMapping}
+            kinds |= {"inputs": ColumnMapping, "inclination": ColumnMapping}
             for name in part.get("files", {"a": 0}):
                 options = options_of(Path(name), part) or {}
                 if not {"time", "rate_hz"} & set(options) and {"inputs", "files"} & set(part):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles.wire import NAME, WIRE, add_wire, length
+from oracles.wire import NAME, add_wire, length
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, experiment
@@ -73,7 +73,7 @@ def test_a_length_weighs_as_a_position_does(rng, weighting, expected):
 
 def test_modelled_values_are_those_of_each_station(rng):
     rows, fixed = rng.normal(size=(4, 3, 3)), rng.normal(size=(2, 3))
-    found = modelled_rows(rows, WIRE, fixed, planar=False)
+    found = modelled_rows(rows, NAME, fixed, planar=False)
     np.testing.assert_allclose(found[..., 0], np.linalg.norm(rows[:, :2] - fixed, axis=-1), rtol=1e-14)
     assert np.isnan(found[..., 1:]).all()
 
@@ -93,7 +93,7 @@ def test_a_recording_brings_its_wires(rng):
     many = make_recording(TIMES, raw["position"].values + corners, further={NAME: np.tile(wires, 3)})
     with pytest.raises(InputError, match="assembling clusters would lose wire_of_tests"):
         assemble(many, {"tip": ["s000", "s001", "s002"]})
-    with pytest.raises(InputError, match=r"'girth' is no further kind of measurement \(wire_of_tests\): leave it out"):
+    with pytest.raises(InputError, match=r"'girth' is no further kind of measurement \(gravity, wire_of_tests\)"):
         make_recording(TIMES, seen, frame="planar", further={"girth": wires})
 
 

@@ -63,7 +63,7 @@ def test_the_rows_of_a_fit_and_of_a_filter_see_the_orientation_of_a_link() -> No
     frames = chain.link_frames(x)[[2, 3]]
     rows = np.concatenate([place, place + frames[:, :, 2], place + frames[:, :, 0]])[None]
     constants = np.full((2, 1), 0.5)
-    value = observed_by_fits.modelled_rows(rows, KIND, constants, planar=False)[0, :, 0]
+    value = observed_by_fits.modelled_rows(rows, NAME, constants, planar=False)[0, :, 0]
     np.testing.assert_allclose(value, expected(BODY, x), atol=1e-12)
     listed = np.array([[KIND, p.link, p.along, p.across, p.aside, 0.5] for p in BODY.points])
     spatial = {name: getattr(spatial_observation, name) for name in ("place_links", "look")}
@@ -87,7 +87,7 @@ def test_the_rest_of_a_straight_body_has_finite_values() -> None:
     chain = mechanics_of(BODY)
     place, frames = chain.stations(x)[0], chain.link_frames(x)[[2, 3]]
     rows = np.concatenate([place, place + frames[:, :, 2], place + frames[:, :, 0]])[None]
-    modelled = observed_by_fits.modelled_rows(rows, KIND, np.full((2, 1), 0.5), planar=False)[0, :, 0]
+    modelled = observed_by_fits.modelled_rows(rows, NAME, np.full((2, 1), 0.5), planar=False)[0, :, 0]
     np.testing.assert_allclose(modelled, 0.0, atol=1e-12)
 
 

@@ -169,3 +169,12 @@ def test_a_model_file_may_list_the_units_of_whole_tables_but_no_others(units, wr
             read_model(text, "file")
     else:
         assert read_model(text, "file") == model
+
+
+def test_an_input_states_a_field_only_where_it_has_an_effect():
+    pair = Tendon(name="pair", driven_by="displacement", line_stiffness=1e3, pair=True, lever=0.01, pretension=2.0,
+                  imbalance=-0.5, taper=0.01)  # fmt: skip
+    pulled = Tendon(name="pulled", lever=0.01, pretension=2.0)
+    values = {name: [one.value_of(name) for one in (pair, pulled, Chamber(torque=[1e-6]))]
+              for name in ("pretension", "imbalance", "taper")}  # fmt: skip
+    assert values == {"pretension": [2.0, 0.0, 0.0], "imbalance": [-0.5, 0.0, 0.0], "taper": [0.01, 0.0, 0.0]}

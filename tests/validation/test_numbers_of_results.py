@@ -139,9 +139,9 @@ def test_what_is_chosen_of_many():
     assert curves.instants(path) == [1, 3, 5]  # at none, a third, two thirds (passed with the whole) and all of the way
     assert curves.instants(path, 3) == [1, 4, 5]
     assert curves.instants(np.zeros((4, 2))) == [0]
-    assert curves.axes_of("mm") == (("x", "y"), "mm", 1e3)
-    assert curves.axes_of("mm", 3)[0] == ("x", "y", "z")
-    assert curves.axes_of("deg") == (("angle",), "deg", pytest.approx(180 / np.pi))
+    bent = Experiment("p", T, np.stack([T, 0.0 * T], axis=1)[:, None], ("tip",), "pulse", level=1e4)
+    assert curves.axes_of(bent) == (("x", "y"), "mm", 1e3)
+    assert curves.axes_of(angle_of(T)) == (("angle",), "deg", pytest.approx(180 / np.pi))
 
 
 def test_laws_have_the_levels_that_their_records_reach(outcome):

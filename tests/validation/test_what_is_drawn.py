@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -100,7 +101,7 @@ def test_a_torque_law_is_marked_where_records_were_taken(outcome):
 
 def test_a_forecast_shows_its_band(outcome):
     forecast = outcome.forecasts[0]
-    banded = SimpleNamespace(**{**vars(forecast), "half_width": np.full(forecast.tip.shape, 2e-3)})
+    banded = replace(forecast, half_width=np.full(forecast.tip.shape, 2e-3))
     figure = figures.forecast_figure(banded)
     for k, ax in enumerate(figure.axes):
         tip = 1e3 * forecast.tip[:, k]

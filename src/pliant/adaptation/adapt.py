@@ -166,7 +166,7 @@ def adapt_model(
     usual = usual_error(old) if usual is None else usual
     options: dict[str, Any] = {
         "weighting": weighting, "loss": loss, "time_step": old.time_step, "tolerance": TOLERANCE,
-        "least_error": least_error(usual, old, day, weighting),
+        "least_error": least_error(usual, day, weighting),
     }
     prior, released = posterior.prior, dict[str, float]()
     result = fitted_day(posterior, day, prior, options)
@@ -201,13 +201,13 @@ def within_usual(result: FitResult, usual: float) -> bool:
     return max(result.rmse.values(), default=0.0) <= usual
 
 
-def least_error(usual: float, old: FitResult, day: DayParts, weighting: str) -> float:
+def least_error(usual: float, day: DayParts, weighting: str) -> float:
     """Return the RMS error `usual` [m; angles: rad] of the earlier model in the unit of the residuals.
 
     A few seconds can be fitted more closely than the model deserves.
     """
     unit = {"metre": 1.0, "noise": np.inf}.get(weighting, float(np.median([e.travel for e in day.fitted])))
-    dimensions = 1 if old.turns else day.fitted[0].dimension
+    dimensions = len(day.fitted[0].axes)
     return float(usual / unit / np.sqrt(dimensions))
 
 

@@ -12,9 +12,10 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.names import find_path
 from pliant.identification.parameters import Parameter
 from pliant.identification.space_parameters import space_start
-from pliant.model import Model, Tendon
+from pliant.model import Model
 from pliant.model.parts import BODY
 
+TIGHTENED = ("pretension", "imbalance")  # fields of inputs that change when tendons are tightened anew
 LEAST_PRETENSION = 1.0  # N: smallest width of the prior of a pretension
 
 
@@ -70,7 +71,7 @@ def width_of(name: str, model: Model) -> float:
     if path is None or path.stem not in MOUNTING:
         raise KeyError(f"{name} is no parameter of the mounting")
     row = MOUNTING[path.stem]
-    taut = [abs(c.pretension) for c in model.chambers if isinstance(c, Tendon)]
+    taut = [abs(c.value_of("pretension")) for c in model.chambers]
     size = {"SI": 1.0, "length": model.length, "mass": float(model.link_mass.sum()), "joints": model.n**-0.5,
             "pretension": max([LEAST_PRETENSION / row.width, *taut])}  # fmt: skip
     return row.width * size[row.of]
@@ -109,9 +110,7 @@ def standing(model: Model, experiments: Sequence[Experiment]) -> dict[str, float
     else:
         found |= {n: v for n, v in space_start(model).items() if of_mounting(n) and not n.startswith("rest_turn_z")}
     for prefix, chamber in zip(prefixes(model), model.chambers, strict=True):
-        if isinstance(chamber, Tendon) and chamber.elastic:
-            found[f"{prefix}pretension"] = chamber.pretension
-            found |= {f"{prefix}imbalance": chamber.imbalance} if chamber.pair else {}
+        found |= {f"{prefix}{name}": chamber.value_of(name) for name in TIGHTENED if chamber.uses(name)}
     return found | (standing_in_frame(model, experiments) if not experiments[0].without_positions else {})
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.reading import DRIVE, drives, read_in_base_frame
+from pliant.cli.reading import DRIVE, MAPPING, drives, read_in_base_frame
 from pliant.cli.terminal import in_unit
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def contact(
                             help="False alarms that the threshold allows per hour.")
     ] = 1.0,
     drive: Annotated[str, typer.Option(help=DRIVE)] = "",
+    mapping: Annotated[list[str] | None, typer.Option(metavar="<path>", help=MAPPING)] = None,
     latency_ms: Annotated[float, typer.Option("--latency-ms", parser=in_unit("ms"),
                                               help="Delay of the shape's time stamps, ms.")] = 0.0,
     half_width_mm: Annotated[float, typer.Option("--half-width-mm", parser=in_unit("mm"),
@@ -54,7 +55,7 @@ def contact(
     from pliant.model import load_model
 
     loaded, options = load_model(model), dict[str, Any](latency=latency_ms * 1e-3, drive=drives(drive))
-    quiet, touched = ([read_in_base_frame(f, None) for f in files] for files in (free, recordings))
+    quiet, touched = ([read_in_base_frame(f, mapping) for f in files] for files in (free, recordings))
     options["noise"] = default_noise(loaded, recordings=quiet)  # one for all, since thresholds depend on it
     with busy("finding contact"):
         learnt = free_motion(quiet, loaded, false_alarms_per_hour=false_alarms_per_hour, **options)

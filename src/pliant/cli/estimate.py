@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.reading import DRIVE, LEVELS, drives, levels, read_in_base_frame
+from pliant.cli.reading import DRIVE, LEVELS, MAPPING, drives, levels, read_in_base_frame
 from pliant.cli.terminal import in_unit
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def estimate(
     start: Annotated[float, typer.Option(parser=in_unit("s"), help="Start of that pulse, s.")] = 0.12,
     width: Annotated[float, typer.Option(parser=in_unit("s"), help="Width of that pulse, s.")] = 2.76,
     drive: Annotated[str, typer.Option(help=DRIVE)] = "",
+    mapping: Annotated[list[str] | None, typer.Option(metavar="<path>", help=MAPPING)] = None,
     latency_ms: Annotated[float, typer.Option("--latency-ms", parser=in_unit("ms"),
                                               help="Delay of the shape's time stamps, ms.")] = 0.0,
     lag: Annotated[int, typer.Option(help="Lag of the smoother, frames.")] = 10,
@@ -60,7 +61,7 @@ def estimate(
     from pliant.model import load_model
     from pliant.simulation import Pulse
 
-    recorded, body = read_in_base_frame(recording, None), load_model(model)
+    recorded, body = read_in_base_frame(recording, mapping), load_model(model)
     pressure: list[Input] | None = None
     if level is not None:
         pressure = [Pulse(high, start, width) for high in levels(body, level)]

@@ -70,7 +70,9 @@ def next_step(ds: xr.Dataset, path: Path, mapping: list[str] | None) -> str:
     """Return the command that usually follows: a draft of a study for the recording, together with the file that it
     still needs.
     """
-    shape = "" if {"position", "angle"} & set(ds) else " RECORDING"
+    from pliant.recording.rules import shape_variable
+
+    shape = "" if shape_variable(ds) else " RECORDING"
     study = "STUDY.toml" if shape else f"{path.stem}.toml"
     log = "" if {"pressure", "actuation"} & set(ds) else " [LOG]"
     columns = "".join(f" --mapping {entry}" for entry in mapping or ())

@@ -49,7 +49,7 @@ def read_with_mapping(path: Path, mapping: Sequence[Path | str] | Path | None) -
         return read_shape(path, mapping=load_mapping(mapping))
 
 
-def read_in_base_frame(path: Path, mapping: Path | None) -> xr.Dataset:
+def read_in_base_frame(path: Path, mapping: Sequence[Path | str] | None) -> xr.Dataset:
     """Read an aligned recording for use with a model. Angles without positions are taken relative to the rest at the
     start of the recording, as studies take them.
     """

@@ -43,6 +43,19 @@ def simulate(
         float, typer.Option("--load-g", parser=in_unit("g"),
                             help="Mass attached to the tip, g; it has weight if the model has gravity.")
     ] = 0.0,
+    base: Annotated[
+        Path | None, typer.Option(help="Motion of the base: poses over time, such as t_s, x_m, y_m, angle_deg, or t_s, "
+                                       "x_m, y_m, z_m, qx, qy, qz, qw in space; relative to the first pose.")
+    ] = None,
+    base_mapping: Annotated[
+        list[str] | None,
+        typer.Option("--base-mapping", metavar="<path>", help="TOML file with columns and units of --base."),
+    ] = None,
+    base_cutoff_hz: Annotated[
+        float | None,
+        typer.Option("--base-cutoff-hz", parser=in_unit("Hz"),
+                     help="Frequency of which half passes the smoothing of noisy poses, Hz.", show_default="none"),
+    ] = None,
     force: Annotated[
         str,
         typer.Option(help="Force FX,FY[,FZ][@POINT] in N during the pulse, on an observed point (default: the last)."),
@@ -52,7 +65,7 @@ def simulate(
     film: Annotated[Path | None, typer.Option(help="Video of the moving body (.gif, or .mp4 with ffmpeg).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> None:
-    """Simulate a model under a pulse of its inputs or under recorded inputs.
+    """Simulate a model under a pulse of its inputs or under recorded inputs, on a base that rests or moves.
 
     Example: pliant simulate results/arm/model.json --level 25 --duration 5 -o path.nc --figure path.png
     """
@@ -74,8 +87,14 @@ def simulate(
         raise InputError("give either --level for a pulse or --trace for measured inputs, not both")
     else:
         inputs, options["times"] = measured_inputs(trace, loaded, drive, duration, time_step)
+    if base is not None:
+        options |= moving_base(base, loaded, base_mapping, base_cutoff_hz, options, duration)
+    elif base_mapping or base_cutoff_hz is not None:
+        raise InputError("--base-mapping and --base-cutoff-hz describe a file of the base's poses: give it by --base")
     with busy("simulating"):
         result = solve(loaded, inputs, **options)
+    if base is not None:
+        result.attrs["history"] = f"base: poses of {base.name} relative to the first; {result.attrs['history']}"
     if output is not None:
         save_trajectory(result, output)
     if figure is not None:
@@ -85,6 +104,27 @@ def simulate(
     if film is not None:
         write_film(result, loaded, film)
     print_numbers(summary(result), as_json=json)
+
+
+def moving_base(
+    path: Path, model: Model, mapping: list[str] | None, cutoff: float | None, options: dict[str, Any],
+    duration: float | None,
+) -> dict[str, Any]:
+    """Return the options of a simulation on a base that moves as a file states: the motion, which begins at 0 s under a
+    pulse and has the clock of measured inputs, and the simulated time, which ends with the poses unless stated.
+    """
+    from dataclasses import replace
+
+    from pliant.cli.reading import load_mapping
+    from pliant.mechanics import mechanics_of
+    from pliant.recording.mapping import options_of
+    from pliant.simulation import read_base
+
+    motion = read_base(path, mechanics_of(model).dimension, options_of(path, load_mapping(mapping)), cutoff)
+    if "times" in options:
+        return {"base": motion}
+    motion = replace(motion, time=motion.time - motion.time[0])
+    return {"base": motion, "duration": float(motion.time[-1]) if duration is None else duration}
 
 
 def with_load(model: Model, grams: float) -> Model:

@@ -13,7 +13,8 @@ import numpy as np
 
 from pliant.equations.linearised import carriers, derivative, derivatives_carried, seeded
 
-ANGLE, ALONG_X, ALONG_Y, JOINT, ALONG_Z, TURN_X, TURN_Y, TURN_Z = range(8)  # kinds of rows of a measurement
+# kinds of rows of a measurement
+ANGLE, ALONG_X, ALONG_Y, JOINT, ALONG_Z, TURN_X, TURN_Y, TURN_Z, GRAVITY_X, GRAVITY_Y, GRAVITY_Z = range(11)
 
 
 class RowKind(NamedTuple):
@@ -28,6 +29,7 @@ class RowKind(NamedTuple):
 
 
 FREE, FLAT, SOLID = {2: 0, 3: 0}, {2: 0}, {3: 0}
+DOWN = {2: 2, 3: 3}  # the direction of gravity in fixed axes, a unit vector
 KINDS = {  # of every kind, in the order of its number
     ANGLE: RowKind("angle", "angle of a link from the base", "rad", FLAT, "angle", 1e-3),
     ALONG_X: RowKind("x", "x of a point", "m", FREE, "position", 5e-4),
@@ -37,9 +39,20 @@ KINDS = {  # of every kind, in the order of its number
     TURN_X: RowKind("turn x", "x of the rotation vector of a link", "rad", SOLID, "quaternion", 1e-3),
     TURN_Y: RowKind("turn y", "y of the rotation vector of a link", "rad", SOLID, "quaternion", 1e-3),
     TURN_Z: RowKind("turn z", "z of the rotation vector of a link", "rad", SOLID, "quaternion", 1e-3),
+    GRAVITY_X: RowKind("gravity x", "direction of gravity along x of a link", "1", DOWN, "gravity", 5e-3),
+    GRAVITY_Y: RowKind("gravity y", "direction of gravity along y of a link", "1", DOWN, "gravity", 5e-3),
+    GRAVITY_Z: RowKind("gravity z", "direction of gravity along z of a link", "1", {3: 3}, "gravity", 5e-3),
 }
-# kinds of one value per station, beside positions, angles and orientations: their numbers by variable of a recording
-FURTHER = {row.variable: k for k, row in KINDS.items() if row.variable not in ("", "position", "angle", "quaternion")}
+# of kinds beside positions, angles and orientations, by variable of a recording: the number of its first kind
+FURTHER = {row.variable: k for k, row in reversed(KINDS.items())
+           if row.variable not in ("", "position", "angle", "quaternion")}  # fmt: skip
+
+
+def kinds_of(variable, dimension):
+    """Return the numbers of the kinds of rows that measure a variable of a recording in 2 or 3 dimensions; an empty
+    list if none does.
+    """
+    return [kind for kind, row in KINDS.items() if row.variable == variable and dimension in row.constants]
 
 
 def place_links(x, base_angle, chain, links):
@@ -102,7 +115,7 @@ def point_at(link, along, across, aside, x, base_angle, links, p):
 
 def look(r, frame, sight):
     """Write what row r of a measurement may depend on to `sight`: the position p (x, y) [m] of its point, and the
-    angles [rad] of its link and of the link before it (0 for the first).
+    angles [rad] of its link and of the link before it (0 for the first), and the axes of the link.
 
     `sight` is a `symbols.Sight` at whose coordinates `place_links` has placed the links. In space:
     `spatial_observation.look`.
@@ -111,6 +124,12 @@ def look(r, frame, sight):
     point_at(link, frame.rows[r, 2], frame.rows[r, 3], 0.0, sight.x, frame.base_angle, sight.links, sight.p)
     sight.angle[0] = sight.p[2]
     sight.p[2] = np.nan
+    sight.axes[0, 0] = sight.links[0, link + 1]
+    sight.axes[1, 0] = sight.links[1, link + 1]
+    sight.axes[0, 1] = -sight.links[1, link + 1]
+    sight.axes[1, 1] = sight.links[0, link + 1]
+    sight.axes[2, 0] = 0.0
+    sight.axes[2, 1] = 0.0
     sight.angle[1] = 0.0
     if link > 0:
         sight.angle[1] = sight.x[link - 1]
@@ -127,13 +146,23 @@ def row_value(kind, sight, constants):
         return sight.angle[0]
     if kind == JOINT:
         return sight.angle[0] - sight.angle[1]
-    if kind in (ALONG_X, ALONG_Y):
-        return sight.p[kind - ALONG_X]
-    if kind == ALONG_Z:
-        return sight.p[2]
+    if kind in (ALONG_X, ALONG_Y, ALONG_Z):
+        return sight.p[min(kind - ALONG_X, 2)]
     if kind in (TURN_X, TURN_Y, TURN_Z):
         return sight.turn[kind - TURN_X]
+    if kind in (GRAVITY_X, GRAVITY_Y, GRAVITY_Z):
+        return along_axis(kind - GRAVITY_X, sight.axes, constants)
     return np.nan * sight.p[0]
+
+
+def along_axis(axis, axes, vector):
+    """Return the component along one axis of a link, column `axis` of `axes` (3, 3), of a vector in fixed axes, the
+    first two or three entries of `vector`.
+    """
+    value = axes[0, axis] * vector[0]
+    for i in range(1, min(3, len(vector))):
+        value = value + axes[i, axis] * vector[i]
+    return value
 
 
 def observe_rows(x, frame, sight, seen, H):

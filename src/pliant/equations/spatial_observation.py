@@ -50,8 +50,8 @@ def look(r, frame, sight):
 
     It is the measured rotation vector of the link's frame in the base frame, minus the rotation vector from the
     predicted to the measured orientation. NaN where the two differ by more than 90 degrees. For a further kind, it is
-    the predicted rotation vector itself, and `angle` holds the angles of the link and of the link before it from the
-    base's axis +z (0 for the first). The planar function is `observation.look`.
+    the predicted rotation vector itself, `axes` holds the axes of the link, and `angle` the angles of the link and of
+    the link before it from the base's axis +z (0 for the first). The planar function is `observation.look`.
     """
     link = int(frame.rows[r, 1])
     kind = int(frame.rows[r, 0])
@@ -66,6 +66,7 @@ def look(r, frame, sight):
             for i in range(3):
                 for j in range(3):
                     sight.E[i, j] = 0.0
+                    sight.axes[i, j] = sight.links.R[link + 1, i, j]
                 sight.E[i, i] = 1.0
             rotation_between(sight.links.R[link + 1], sight.E, sight.turn)
             sight.angle[0] = tilt(sight.links.R[link + 1, :, 2])

@@ -388,7 +388,8 @@ class Sight(NamedTuple):
     """What a row of a measurement may depend on, and the scratch arrays from which it is computed. All hold numbers
     that carry derivatives.
 
-    Entries that a body does not have are NaN: z and turn in the plane; in space the angles, except for further kinds.
+    Entries that a body does not have are NaN: z and turn in the plane; in space angles and axes, except for further
+    kinds.
     """
 
     x: np.ndarray  # (N,) coordinates
@@ -397,6 +398,7 @@ class Sight(NamedTuple):
     angle: np.ndarray  # (2,) rad, of its link and of the link before it; in space from the base's axis
     turn: np.ndarray  # (3,) rad, orientation of its link, see `spatial_observation.look`
     E: np.ndarray  # (3, 3) measured rotation of its link
+    axes: np.ndarray  # (3, 3) axes of its link in fixed axes, as columns; in the plane the first two rows and columns
 
 
 class StepSlopes(NamedTuple):

@@ -18,7 +18,7 @@ from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer_loops import rest_shift
 from pliant.estimation.contract import EstimatorKind, Setting, State
-from pliant.estimation.measurement import IN_RADIANS, check_frame, flips
+from pliant.estimation.measurement import IN_METRES, check_frame, flips
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import chain_of, frame_of
 from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction, make_workspace
@@ -291,8 +291,8 @@ class KalmanFilter:
         self.counts.flipped += flips(event.rows, event.value, workspace.seen)
         self.counts.last_ratio = square / used if used else math.nan
         off = np.abs(event.value - workspace.seen)
-        angular = IN_RADIANS[event.rows[:, 0].astype(int)]
-        if used and np.nanmax(off / np.where(angular, 1.0, self.model.length)) > LARGEST:
+        lengths = IN_METRES[event.rows[:, 0].astype(int)]
+        if used and np.nanmax(off / np.where(lengths, self.model.length, 1.0)) > LARGEST:
             self.fault = f"a frame differs from the filter's model by more than {LARGEST} rad or {LARGEST} body lengths"
 
     def _restore(self, kept: FilterSnapshot) -> None:

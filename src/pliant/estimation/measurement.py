@@ -10,8 +10,11 @@ import numpy as np
 import xarray as xr
 
 from pliant.equations.observation import JOINT, KINDS, TURN_X, TURN_Y, TURN_Z
+from pliant.equations.observation import kinds_of as kinds_by_variable
 from pliant.errors import InputError
 from pliant.estimation.noise import Noise
+from pliant.identification.experiment import FIRST_FRAMES
+from pliant.identification.observation import check_direction, modelled_rows, points_at
 from pliant.identification.residuals import measured_turns
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.spatial import SpatialChain
@@ -27,7 +30,7 @@ Array = np.ndarray
 TURNS = (TURN_X, TURN_Y, TURN_Z)
 MEASURED_IN = {d: [kind for kind, row in KINDS.items() if d in row.constants] for d in (2, 3)}
 IS_TURN = np.isin(list(KINDS), TURNS)  # of each kind, by its number
-IN_RADIANS = np.array([row.unit == "rad" for row in KINDS.values()])  # of each kind, by its number
+IN_METRES = np.array([row.unit == "m" for row in KINDS.values()])  # of each kind, by its number
 HALF_TURN = np.pi + 1e-6  # rad: no rotation vector is longer
 PLAIN = 0.5  # correlation of pressure and tip x with the wrong sign, above which a recording is rejected
 
@@ -60,8 +63,8 @@ def rows_of(
     `angle`, three more rows for the orientation of the station's link, whose values are the rotation vector [rad] of
     the link's frame (x aside, z along the link) in the base frame.
 
-    `further` holds the constants (S, k) of one row at each of S stations, by the variable of its kind in a recording.
-    They are the last columns of the rows.
+    `further` holds the constants (S, k) of the rows at each of S stations, by the variable of their kinds in a
+    recording. They are the last columns of the rows.
 
     Raises
     ------
@@ -91,7 +94,7 @@ def kinds_of(variable: str, dimension: int) -> list[int]:
     InputError
         When there is none.
     """
-    kinds = [kind for kind, row in KINDS.items() if row.variable == variable and dimension in row.constants]
+    kinds = kinds_by_variable(variable, dimension)
     if not kinds:
         raise InputError(f"{variable} cannot be measured in {dimension} dimensions: leave it out of the recording")
     return kinds
@@ -246,7 +249,13 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
         recorded["angle"] = angles_of(recording, model, stations)[..., None]
     if "quaternion" in recording and space:
         recorded["quaternion"] = orientations_of(recording, model, stations)
-    recorded |= {name: values[..., None] for name, (values, _) in further.items()}
+    if "gravity" in further:
+        check_direction("the recording", further["gravity"][1], model.gravity)
+    for name, (of_name, fixed) in further.items():
+        measured = of_name if of_name.ndim == 3 else of_name[..., None]
+        if recording[name].attrs.get("reference") == "rest":
+            measured = measured + at_rest(model, stations, name, fixed) - first_of(measured)
+        recorded[name] = measured
     columns, rows, label, variance = [], [], [], []
     for k, s in enumerate(stations):
         values = {n: v[:, k] for n, v in recorded.items() if n != "quaternion" or np.isfinite(v[:, k]).any()}
@@ -259,6 +268,22 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
         variance += [noise.of_row(kind, s.name) ** 2 for kind in station_rows[:, 0]]
     time, value = recording["time"].values.astype(float), np.stack(columns, axis=1)
     return Measurement(time, np.concatenate(rows), value, np.array(variance), tuple(label), ())
+
+
+def at_rest(model: Model, stations: tuple[Station, ...], variable: str, constants: Array) -> Array:
+    """Return the values (S, d) of a further variable at S stations of the model in equilibrium without input."""
+    chain = mechanics_of(model.with_(stations=stations))
+    rows = points_at(chain, chain.coordinates(state.equilibrium(model)))
+    values = modelled_rows(rows[None], variable, constants, planar=chain.dimension == 2)[0]
+    return values[:, : len(kinds_of(variable, chain.dimension))]
+
+
+def first_of(values: Array) -> Array:
+    """Return the mean (S, d) of the first five known values of S stations in T frames (T, S, d); NaN without one."""
+    known = np.isfinite(values).all(axis=2)
+    first = known & (np.cumsum(known, axis=0) <= FIRST_FRAMES)
+    mean = np.where(first[..., None], values, 0.0).sum(axis=0)
+    return np.asarray(mean / np.where(known.any(axis=0), first.sum(axis=0), np.nan)[:, None])
 
 
 def angles_of(recording: xr.Dataset, model: Model, stations: tuple[Station, ...]) -> Array:

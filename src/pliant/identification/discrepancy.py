@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import SimulationError
+from pliant.identification.observation import points_at
 from pliant.identification.parameters import apply, for_record
 from pliant.identification.prediction import compared_of
 from pliant.mechanics import mechanics_of
@@ -121,9 +122,11 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
 
     def places(q: list[Array]) -> Array:
         chain = mechanics_of(shown)
-        at, angle = chain.stations(chain.coordinates(np.array(q)))
         base = model.base_angle if exp.angle_reference in ("base", "joint") else 0.0
-        return compared_of(exp, np.concatenate([at, (angle - base)[..., None]], axis=2))
+        rows = np.array([points_at(chain, chain.coordinates(one)) for one in q])
+        if exp.dimension == 2:
+            rows[..., 2] -= base
+        return compared_of(exp, rows)
 
     return places(angles), places(lines)
 

@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from pliant.display import Card, Shown, body_svg
+from pliant.equations.observation import FURTHER, KINDS, kinds_of
 from pliant.errors import InputError
 from pliant.identification.experiment_checks import check_excitation, check_experiment
 from pliant.identification.parameters import Parameter, for_record
@@ -26,11 +27,35 @@ AngleReference = Literal["rest", "base", "joint", ""]
 
 
 class FurtherRows(NamedTuple):
-    """Measured values of one kind at S stations in T frames, with the constants of their kind."""
+    """Measured values of one variable at S stations in T frames, with the constants of its kinds of rows."""
 
-    values: Array  # (T, S), NaN where nothing was measured
+    values: Array  # (T, S), or (T, S, d) for d kinds of rows; NaN where nothing was measured
     constants: Array  # (S, k)
     noise: float | None = None  # known standard deviation of the values
+    reference: AngleReference = "base"  # "rest": values are compared by their changes since the first frames
+
+    @property
+    def columns(self) -> Array:
+        """Return the measured values as (T, S, d), for d kinds of rows."""
+        return self.values if self.values.ndim == 3 else self.values[..., None]
+
+    @property
+    def compared(self) -> Array:
+        """Return the values (T, S, d) that a fit compares: the measured ones, or their changes since the first frames
+        where the reference is "rest".
+        """
+        return self.referenced(self.columns)
+
+    def referenced(self, values: Array) -> Array:
+        """Return modelled or measured values (..., T, S, d) from the reference of the measured ones. At each station,
+        the first five frames that show the measured value are the reference "rest".
+        """
+        if self.reference != "rest":
+            return values
+        shown = np.isfinite(self.columns).all(axis=2)
+        first = shown & (np.cumsum(shown, axis=0) <= FIRST_FRAMES)
+        mean = np.where(first[..., None], values, 0.0).sum(axis=-3) / np.maximum(first.sum(axis=0), 1)[:, None]
+        return np.asarray(values - mean[..., None, :, :])
 
 
 @dataclass(frozen=True, repr=False)
@@ -108,8 +133,9 @@ class Experiment(Shown):
     warm_up : float
         Time from the first frame on, s, that is simulated but not compared with the model. For a recording under
         measured inputs whose first motion depends on what happened before it.
-    without_positions : bool
-        Whether the recording has angles only; derived from the data.
+    alone : str
+        Variable that is compared where the recording has no positions: "angle", or a key of `further`; "" where it has
+        positions. Derived from the data.
     travel : float
         Peak displacement of the last station from its first position, m, or its peak rotation, rad, where
         `without_positions`. Derived from the data; spikes of single frames are ignored.
@@ -142,7 +168,7 @@ class Experiment(Shown):
     x_sign: int = 1
     start: AtRest = field(default_factory=AtRest)
     warm_up: float = 0.0
-    without_positions: bool = field(init=False)
+    alone: str = field(init=False)
     travel: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -156,7 +182,7 @@ class Experiment(Shown):
                 f"experiment {self.name}: positions must be (time, station, 2) = {(*wanted, 2)}, or (time, station, 3) "
                 f"in space, got {self.position.shape}"
             )
-        object.__setattr__(self, "without_positions", self.angle is not None and not np.isfinite(self.position).any())
+        object.__setattr__(self, "alone", variable_alone(self))
         check_experiment(self)
         if self.drives:
             object.__setattr__(self, "pressure", self.drives[leading(self.drives)])
@@ -208,16 +234,33 @@ class Experiment(Shown):
         return int(self.position.shape[2])
 
     @property
+    def without_positions(self) -> bool:
+        """Return whether the recording has no positions."""
+        return bool(self.alone)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Return the names of the compared coordinates: x and y, in space z too, or an angle, or the kinds of rows of
+        the variable that is compared alone.
+        """
+        if not self.alone:
+            return tuple("xyz"[: self.dimension])
+        return tuple(KINDS[kind].name.replace(" ", "_") for kind in kinds_of(self.alone, self.dimension))
+
+    @property
     def compared(self) -> Float[Array, "T S k"]:
         """Return the observed values of S stations in T frames that a fit compares with the model: positions (T, S, 2
-        or 3) [m], or angles (T, S, 1) [rad] if only these were recorded. They are NaN in the warm-up.
+        or 3) [m], or, in a recording without positions, angles (T, S, 1) [rad] or values of a further variable
+        (T, S, d). They are NaN in the warm-up.
         """
         return np.where(self.warming[:, None, None], np.nan, self.recorded) if self.warm_up else self.recorded
 
     @property
     def recorded(self) -> Float[Array, "T S k"]:
         """Return `compared` with the recorded values of the warm-up."""
-        return self.angle[..., None] if self.without_positions and self.angle is not None else self.position
+        if self.alone in self.further:
+            return self.further[self.alone].compared
+        return self.angle[..., None] if self.alone and self.angle is not None else self.position
 
     @property
     def warming(self) -> Array:
@@ -329,6 +372,16 @@ class Experiment(Shown):
         """
         names = {"trace": (), "pulse": ("start", "stop"), "step": ("start",), "release": ("release",)}[self.excitation]
         return tuple(f"{self.name}.{n}" for n in names)
+
+
+def variable_alone(exp: Experiment) -> str:
+    """Return the variable that is compared in an experiment without positions: "angle", or the first further variable
+    that turns with a link; "" where a position is known.
+    """
+    if np.isfinite(exp.position).any():
+        return ""
+    turning = [name for name in exp.further if name in FURTHER and KINDS[FURTHER[name]].unit in ("rad", "1")]
+    return "angle" if exp.angle is not None else next(iter(turning), "")
 
 
 def farthest(seen: Array, *, poses: bool) -> float:

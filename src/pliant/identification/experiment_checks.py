@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.equations.observation import FURTHER, KINDS
+from pliant.equations.observation import FURTHER, KINDS, kinds_of
 from pliant.errors import InputError
 
 Array = np.ndarray  # an experiment, which imports this module, is of type Any here
@@ -50,7 +50,7 @@ def check_extras(exp: Any) -> None:
     levels = [*exp.noise.values(), *(v for v in known if v is not None)]
     if bad := [v for v in levels if not (np.isfinite(v) and v > 0)]:
         raise InputError(f"experiment {exp.name}: noise levels must be positive, in m and rad, got {bad[0]}")
-    if exp.own_places and (exp.excitation == "release" or exp.angles_alone):
+    if exp.own_places and (exp.excitation == "release" or exp.angles_alone or exp.alone):
         raise InputError(
             f"experiment {exp.name}: own_places needs positions of a body at rest, not a release or angles: leave it "
             "out"
@@ -151,18 +151,29 @@ def check_orientation(exp: Any) -> None:
 
 
 def check_further(exp: Any) -> None:
-    """Raise InputError if the values of a further kind of measurement do not have one entry for each station and frame,
-    or their kind does not exist.
+    """Raise InputError if the values of a further variable do not have an entry for each station and frame and each of
+    its kinds of rows, or no such kind exists, or the base moves, whose axes the constants of a kind are in.
     """
     for name, rows in exp.further.items():
         counts = KINDS[FURTHER[name]].constants if name in FURTHER else {}
         if exp.dimension not in counts:
             raise InputError(f"experiment {exp.name}: {name!r} is no further kind of measurement in {exp.dimension} "
                              f"dimensions ({', '.join(FURTHER) or 'there is none'}): leave it out")
-        wanted = exp.position.shape[:2], (len(exp.stations), counts[exp.dimension])
+        width = len(kinds_of(name, exp.dimension))
+        shape = exp.position.shape[:2] if width == 1 else (*exp.position.shape[:2], width)
+        wanted = shape, (len(exp.stations), counts[exp.dimension])
         if (rows.values.shape, rows.constants.shape) != wanted:
             raise InputError(f"experiment {exp.name}: {name} must have values and constants of the shapes {wanted}, "
                              f"got {rows.values.shape} and {rows.constants.shape}")
+        if rows.reference not in ("rest", "base"):
+            raise InputError(f"experiment {exp.name}: the reference of {name} must be rest or base, not "
+                             f"{rows.reference!r}")
+        if exp.poses and rows.reference == "rest":
+            raise InputError(f"experiment {exp.name}: {name} is compared from the first frames on, but a settled pose "
+                             'has none before it: state reference = "base" where the recording is read')
+        if exp.base is not None and counts[exp.dimension]:
+            raise InputError(f"experiment {exp.name}: {name} refers to fixed axes, but the base moves: leave out the "
+                             f"motion of the base, or {name}")
 
 
 def check_drives(exp: Any) -> None:

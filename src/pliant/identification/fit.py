@@ -19,8 +19,9 @@ from pliant.identification.forward_model import held_note
 from pliant.identification.identifiability import combinations, examine
 from pliant.identification.joint_prior import JointPrior
 from pliant.identification.nested import excess_phrase, inside, warm_start
+from pliant.identification.observation import check_direction
 from pliant.identification.optimise import solve, solve_all
-from pliant.identification.parameters import Parameter, apply, values_of
+from pliant.identification.parameters import Parameter, apply, for_record, shared_name, values_of
 from pliant.identification.prediction import predict
 from pliant.identification.problem import Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS, noise_ratio
@@ -173,15 +174,34 @@ def first_problem(
     FitError, InputError
         When nothing is free, a start value cannot be estimated, or the experiments cannot be fitted together.
     """
-    if len({e.without_positions for e in experiments}) > 1:
-        raise InputError("a fit compares either positions or angles, but some of its experiments have positions and "
-                         "others angles alone: fit them separately")  # fmt: skip
+    if len(alone := {e.alone or "positions" for e in experiments}) > 1:
+        raise InputError("a fit compares either positions or angles or inclinations, but some of its experiments hold "
+                         f"{' and others '.join(sorted(alone))} alone: fit them separately")  # fmt: skip
+    check_inclinations(experiments, model, parameters)
     model, filled = searched(experiments, model, parameters, time_step or LONGEST, weighting)
     if not any(p.free for p in filled):
         raise FitError("nothing to fit: every parameter is fixed; free at least one")
     step = time_step or min(fit_step(model, values_of(filled), experiments), longest_allowed_step(model))
     check_step(model, step, "midpoint")
     return Problem(list(experiments), model, filled, step, weighting, prior)
+
+
+def check_inclinations(
+    experiments: Sequence[Experiment], model: Model, parameters: Sequence[Parameter | str]
+) -> None:
+    """Raise InputError if experiments with inclinations state another direction of gravity than the model, or it is to
+    be estimated.
+    """
+    inclined = [e for e in experiments if "gravity" in e.further]
+    listed = [p for p in parameters if isinstance(p, Parameter)]
+    free = [p if isinstance(p, str) else p.name for p in parameters if isinstance(p, str) or p.free]
+    if inclined and (turning := [name for name in free if shared_name(name).startswith("gravity_")]):
+        raise InputError(f"{turning[0]} cannot be estimated from recordings of inclination such as {inclined[0].name}, "
+                         "which state the direction of gravity in the base frame: hold it constant, or leave it out")
+    for exp in inclined:
+        values = {**for_record({p.name: p.value for p in listed if p.value is not None}, exp.name), **exp.known}
+        check_direction(f"recording {exp.name}", exp.further["gravity"].constants, apply(model, {
+            name: value for name, value in values.items() if name.startswith("gravity_")}).gravity)  # fmt: skip
 
 
 def below_nested(

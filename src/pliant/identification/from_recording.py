@@ -9,13 +9,15 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 
+from pliant.equations.observation import FURTHER
 from pliant.errors import InputError
 from pliant.identification.drives import drives_of, driving, only_input
 from pliant.identification.edges import held_pose
-from pliant.identification.experiment import Excitation, Experiment, FurtherRows
+from pliant.identification.experiment import AngleReference, Excitation, Experiment, FurtherRows
 from pliant.identification.starts import Moving, begins_in_motion
 from pliant.preprocessing.side import x_sign
 from pliant.recording.inputs import CUTOFF, base_moves
+from pliant.recording.rules import shape_variable
 from pliant.recording.schema import check_recording, recorded_further
 from pliant.simulation import BaseMotion, Trace
 from pliant.simulation.forces import PointForce
@@ -97,6 +99,7 @@ def experiment(
     if poses == "median":
         recording = one_pose(recording)
     trace, drives, kinds = None, {}, {}
+    angles_alone = shape_variable(recording) == "angle"
     if inputs:
         ends = recording.time.values[[0, -1]] + [0.0, 1.0]
         drives = {to: Trace(ends, np.full(2, float(value))) for to, value in inputs.items()}
@@ -109,13 +112,12 @@ def experiment(
     exp = Experiment(
         name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
         float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),
-        **recorded_angles(name, recording, used, wanted=bool(angles) or "position" not in recording),
+        **recorded_angles(name, recording, used, wanted=bool(angles) or angles_alone),
         noise=dict(noise or {}),
         arc_length=dense_arc_length(recording, used), forces=tuple(forces),
-        angles_alone=angles == "only" or "position" not in recording, drives=drives,
+        angles_alone=angles == "only" or angles_alone, drives=drives,
         own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording), warm_up=warm_up,
-        further={name: FurtherRows(*both) for name, both in recorded_further(recording, used).items()},
-        base=base_of(recording),
+        further=further_of(recording, used), base=base_of(recording),
     )
     if start == "moving" or (start is None and begins_in_motion(exp)):
         exp = replace(exp, start=Moving())
@@ -123,9 +125,15 @@ def experiment(
 
 
 def one_pose(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording of a body at rest as a single row, the median of the recorded positions."""
+    """Return the recording of a body at rest as a single row, the median of the recorded positions and of values of
+    further variables. A direction of gravity is scaled to unit length again.
+    """
     first = recording.isel(time=slice(0, 1))
-    return first.assign(position=(first["position"].dims, recording["position"].median("time").values[None]))
+    names = [name for name in ("position", *FURTHER) if name in recording]
+    medians = {name: recording[name].median("time").values[None] for name in names}
+    if "gravity" in medians:
+        medians["gravity"] /= np.linalg.norm(medians["gravity"], axis=-1, keepdims=True)
+    return first.assign({name: first[name].copy(data=values) for name, values in medians.items()})
 
 
 def base_of(recording: xr.Dataset) -> BaseMotion | None:
@@ -139,10 +147,11 @@ def base_of(recording: xr.Dataset) -> BaseMotion | None:
 
 def recorded_places(recording: xr.Dataset, stations: tuple[str, ...]) -> Array:
     """Return the recorded positions (T, S, 2), in space (T, S, 3), [m] of S stations in T frames. They are NaN for a
-    recording of angles only.
+    recording without positions.
     """
     if "position" not in recording:
-        return np.full((recording.sizes["time"], len(stations), 2), np.nan)
+        dimension = 2 if recording.attrs["frame"] == "planar" else 3
+        return np.full((recording.sizes["time"], len(stations), dimension), np.nan)
     return np.asarray(recording["position"].sel(station=list(stations)).values, dtype=float)
 
 
@@ -161,6 +170,17 @@ def recorded_angles(name: str, recording: xr.Dataset, stations: tuple[str, ...],
     angle = recording["angle"]
     reference = str(angle.attrs.get("reference", "base"))
     return {"angle": angle.sel(station=list(stations)).values.astype(float), "angle_reference": reference}
+
+
+def further_of(recording: xr.Dataset, stations: tuple[str, ...]) -> dict[str, FurtherRows]:
+    """Return the values of further variables of a recording at its stations, with their reference: "base" where they
+    state none.
+    """
+    further = {}
+    for name, (values, constants) in recorded_further(recording, stations).items():
+        reference: AngleReference = "rest" if recording[name].attrs.get("reference") == "rest" else "base"
+        further[name] = FurtherRows(values, constants, reference=reference)
+    return further
 
 
 def dense_arc_length(recording: xr.Dataset, stations: tuple[str, ...]) -> Array | None:

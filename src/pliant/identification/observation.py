@@ -12,17 +12,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.observation import row_value
+from pliant.equations.observation import kinds_of, row_value
 from pliant.equations.spatial_observation import rotation_between, tilt
 from pliant.equations.symbols import ObservedChain, Sight
+from pliant.errors import InputError
 from pliant.identification.follow_loops import Places
 from pliant.identification.loop_inputs import ForwardProblem, Numbers
-from pliant.mechanics import mechanics_of
+from pliant.mechanics import Mechanics, mechanics_of
 
 Array = np.ndarray
 UNTURNED = np.eye(3)
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 LAG_STEP = 5e-3  # s, longest interval of the grid on which a lag is integrated
+ASKEW = 1e-3  # rad: directions of gravity that differ by more contradict each other
 LEAST_LAG = 1e-9  # s: a shorter one is none
 
 
@@ -146,28 +148,60 @@ def turns_off(rows: Array, oriented: Array, measured: Array, framed: Array | Non
     return rotation_vectors(np.swapaxes(measured, -1, -2), np.swapaxes(turned, -1, -2))
 
 
-def one_of_three(values: Array) -> Array:
-    """Return values (...) as (..., 3), of which the second and third are NaN."""
-    return np.asarray(values[..., None] * np.array([1.0, np.nan, np.nan]))
+def three_of(values: Sequence[Array]) -> Array:
+    """Return up to three arrays (...) as (..., 3), of which the missing ones are NaN."""
+    return np.stack([*values, *[np.full(values[0].shape, np.nan)] * (3 - len(values))], axis=-1)
 
 
-def modelled_rows(rows: Array, kind: int, constants: Array, *, planar: bool) -> Array:
-    """Return modelled values (..., T, S, 3) of one of `equations.observation.KINDS`, followed by NaN, from coordinates
-    `rows` (..., T, S or more, 3) of S observed points in T frames: x, y, angle in the plane, x, y, z in space.
+def modelled_rows(rows: Array, variable: str, constants: Array, *, planar: bool) -> Array:
+    """Return modelled values (..., T, S, 3) of a variable of recordings in `equations.observation.KINDS`, which has up
+    to three kinds of rows, followed by NaN.
 
-    `constants` (S, k) are those of the kind at each station. The angle of the station before, 0 before the first,
-    stands for the angle of the link before. In space, angle and rotation vector of a link follow from two auxiliary
-    points for each station; they are NaN if `rows` has none.
+    They are computed from coordinates `rows` (..., T, S or more, 3) of S observed points in T frames: x, y, angle in
+    the plane, x, y, z in space. `constants` (S, k) are those of the variable at each station. The angle of the station
+    before, 0 before the first, stands for the angle of the link before. In space, angle, axes and rotation vector of a
+    link follow from two auxiliary points for each station; they are NaN if `rows` has none.
     """
-    count = len(constants)
+    sight = sight_of(rows, len(constants), planar=planar)
+    return three_of([row_value(kind, sight, constants.T) for kind in kinds_of(variable, 2 if planar else 3)])
+
+
+def check_direction(who: str, constants: Array, gravity: Array) -> None:
+    """Raise InputError if a recorded direction of gravity in the base frame (S, d) is not that of the model's `gravity`
+    (d,) [m/s^2]. A model without gravity, whose weight has no effect, has any direction.
+    """
+    strength = float(np.linalg.norm(gravity))
+    if strength and (np.linalg.norm(constants - gravity / strength, axis=1) > ASKEW).any():
+        stated, toward = (", ".join(f"{g:.3g}" for g in vector) for vector in (constants[0], gravity / strength))
+        raise InputError(f"{who} states that gravity points along ({stated}) in the base frame, but the gravity of the "
+                         f"model points along ({toward}): correct down in the mapping of the recording, or gravity")
+
+
+def points_at(chain: Mechanics, x: Array) -> Array:
+    """Return the coordinates (S or 3 S, 3) of the S stations of a chain at coordinates x (N,), as `modelled_rows` takes
+    them: x, y, angle in the plane; in space x, y, z, followed by those of two auxiliary points for each station.
+    """
+    place, angle = chain.stations(x)
+    if chain.dimension == 2:
+        return np.column_stack([place, angle])
+    frames = chain.link_frames(x)[[p.link + 1 for p in chain.model.points]]
+    return np.concatenate([place, place + frames[:, :, 2], place + frames[:, :, 0]])
+
+
+def sight_of(rows: Array, count: int, *, planar: bool) -> Sight:
+    """Return what rows of a measurement may depend on, for `count` stations, as arrays behind the components."""
     p = np.moveaxis(rows[..., :count, :], -1, 0)
     none = np.full((3, *p.shape[1:]), np.nan)
-    place, angle, turn = (np.stack([*p[:2], none[0]]), p[2], none) if planar else (p, none[0], none)
-    if not planar and rows.shape[-2] == 3 * count:
+    place, angle, turn, axes = p, none[0], none, np.full((3, *none.shape), np.nan)
+    if planar:
+        place, angle, zero = np.stack([*p[:2], none[0]]), p[2], 0.0 * p[2]
+        axes = np.stack([[np.cos(angle), -np.sin(angle), zero], [np.sin(angle), np.cos(angle), zero], [zero] * 3])
+    elif rows.shape[-2] == 3 * count:
         frames = frames_of(rows, np.arange(count))
         angle, turn = tilt(np.moveaxis(frames[..., 2], -1, 0)), np.moveaxis(rotation_vectors(frames), -1, 0)
+        axes = np.moveaxis(frames, (-2, -1), (0, 1))
     angles = np.stack([angle, np.concatenate([np.zeros_like(angle[..., :1]), angle[..., :-1]], axis=-1)])
-    return one_of_three(row_value(kind, Sight(none, none, place, angles, turn, none), constants.T))
+    return Sight(none, none, place, angles, turn, none, axes)
 
 
 def slopes_through(function: Callable[[Array], Array], rows: Array, derivatives: Array) -> Array:

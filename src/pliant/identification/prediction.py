@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from pliant.identification.experiment import Experiment
+from pliant.identification.experiment import Experiment, FurtherRows
 from pliant.identification.fit_step import fit_step
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
+from pliant.identification.observation import modelled_rows, slopes_through
 from pliant.model import Model
 from pliant.shapes import Float
 
@@ -29,9 +31,10 @@ def predict(
     modes of the model.
     """
     forward = forward_problem(model, exp, values, time_step or fit_step(model, values, [exp]))
-    rows = observed_rows(forward, forward.numbers, exp.time.size)[:, : len(exp.stations)]
+    rows = observed_rows(forward, forward.numbers, exp.time.size)
+    shown = rows[:, : len(exp.stations)]
     return {
-        "position": rows[..., : exp.dimension], "angle": referenced_angles(exp, rows),
+        "position": shown[..., : exp.dimension], "angle": referenced_angles(exp, shown),
         "compared": compared_of(exp, rows), "pressure": forward.pressure, "model": forward.model,
     }
 
@@ -52,12 +55,26 @@ def predict_body(
     return observed_rows(links_problem, numbers, exp.time.size)[..., : exp.dimension]
 
 
-def compared_of(exp: Experiment, rows: Array) -> Array:
-    """Return the predicted values that a fit compares with the recorded ones, from coordinates `rows` (..., T, S, 3) of
-    S observed points in T frames: positions (..., T, S, d) in d dimensions, or angles (..., T, S, 1) if only these were
-    recorded.
+def compared_of(exp: Experiment, rows: Array, about: Array | None = None) -> Array:
+    """Return the predicted values of `Experiment.compared`, from coordinates `rows` (..., T, S or more, 3) of S
+    stations in T frames, and of auxiliary points behind them: positions (..., T, S, d) in d dimensions, or, in a
+    recording without positions, its angles (..., T, S, 1) or its values of a further variable (..., T, S, d).
+
+    With `about` (T, S or more, 3), `rows` are derivatives of these coordinates, and those of the values are returned.
     """
-    return referenced_angles(exp, rows)[..., None] if exp.without_positions else rows[..., : exp.dimension]
+    shown = rows[..., : len(exp.stations), :]
+    if exp.alone not in exp.further:
+        return referenced_angles(exp, shown)[..., None] if exp.alone else shown[..., : exp.dimension]
+    of = partial(further_rows, name=exp.alone, recorded=exp.further[exp.alone], planar=exp.dimension == 2)
+    values = of(rows) if about is None else slopes_through(of, about, rows)
+    return np.asarray(values[..., : len(exp.axes)])
+
+
+def further_rows(rows: Array, name: str, recorded: FurtherRows, *, planar: bool) -> Array:
+    """Return the predicted values (..., T, S, 3) of a further variable of a recording, followed by NaN, from the
+    reference of the recorded ones; see `observation.modelled_rows`.
+    """
+    return recorded.referenced(modelled_rows(rows, name, recorded.constants, planar=planar))
 
 
 def referenced_angles(exp: Experiment, rows: Array) -> Array:

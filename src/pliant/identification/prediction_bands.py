@@ -123,9 +123,9 @@ def prediction_band(
     scale = {p.name: p.scale for p in own.parameters}
     sizes = {n: scale[n] or max(abs(own.values[n]), 1e-6) for n in names}
     rows, slopes = sensitivities(own.model, experiment, own.values, sizes, time_step)
-    rows = compared_of(experiment, rows)
-    scaled = compared_of(experiment, slopes) * np.array(list(sizes.values()))[:, None, None, None]
+    scaled = compared_of(experiment, slopes, rows) * np.array(list(sizes.values()))[:, None, None, None]
     theirs, mine = scaled[: len(shared)], scaled[len(shared) :]
+    rows = compared_of(experiment, rows)
     if len(mine):
         seen = np.isfinite(experiment.compared)
         taken = np.linalg.lstsq(mine[:, seen].T, theirs[:, seen].T, rcond=HIDDEN)[0]

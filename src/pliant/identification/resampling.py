@@ -101,8 +101,11 @@ def bootstrap(
 
 def with_drawn(exp: Experiment, drawn: Array) -> Experiment:
     """Return the experiment with its observations of S stations in T frames replaced by `drawn`: positions (T, S, 2 or
-    3) [m] or angles (T, S, 1) [rad].
+    3) [m], angles (T, S, 1) [rad] or values of a further variable (T, S, d).
     """
+    if exp.alone in exp.further:
+        rows = exp.further[exp.alone]
+        return replace(exp, further={**exp.further, exp.alone: rows._replace(values=drawn.reshape(rows.values.shape))})
     return replace(exp, angle=drawn[..., 0]) if exp.without_positions else replace(exp, position=drawn)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from pliant.equations.observation import FURTHER, KINDS
 from pliant.identification.experiment import Experiment
-from pliant.identification.observation import modelled_rows, one_of_three, rotation_vectors, slopes_through, turns_off
-from pliant.identification.prediction import referenced_angles
+from pliant.identification.observation import rotation_vectors, slopes_through, three_of, turns_off
+from pliant.identification.prediction import further_rows, referenced_angles
 from pliant.preprocessing.detectors import quantum, white_noise
 
 Array = np.ndarray
@@ -41,6 +41,7 @@ class Observations:
         self.exp, self.planar = exp, exp.dimension == 2
         position = np.full_like(exp.position, np.nan) if exp.angles_alone else exp.position
         self.take(np.concatenate([position, angle[..., None]], axis=2) if self.planar else position)
+        self.first = {"": 0, "angle": 0}  # first of the S columns of `data` that hold a variable compared alone
         self.more: list[Callable[[Array], Array]] = []  # modelled values of kinds beside positions and angles
         self.unknown: list[tuple[int, tuple[int, ...]]] = []  # their rows and channels whose noise level is not given
         swing = largest_change(exp.angle)
@@ -53,10 +54,11 @@ class Observations:
         if exp.orientation is not None:
             self.add_orientations(exp.orientation[:, exp.oriented], stations[exp.oriented], weighting)
         for name, rows in exp.further.items():
-            kind, values = FURTHER[name], one_of_three(rows.values)
-            swing = exp.travel if KINDS[kind].unit == "m" else largest_change(rows.values)
+            swing = exp.travel if KINDS[FURTHER[name]].unit == "m" else largest_change(rows.values)
+            values = three_of([*np.moveaxis(rows.compared, -1, 0)])
+            self.first |= {name: self.data.shape[1]}
             weight = self.weights(values, swing, stations, rows.noise, weighting)
-            of = partial(modelled_rows, kind=kind, constants=rows.constants, planar=self.planar)
+            of = partial(further_rows, name=name, recorded=rows, planar=self.planar)
             self.add(values, weight, of, noise_known=rows.noise is not None)
 
     def add_orientations(self, quaternion: Array, share: Array, weighting: str) -> None:
@@ -108,6 +110,13 @@ class Observations:
     def flat_weight(self) -> Array:
         """Return the weights (N,) of all N observed values."""
         return self.weight[self.station, self.channel] * self.frame_weight[self.rows]
+
+    @property
+    def is_compared(self) -> Array:
+        """Return whether each of N observed values (N,) is one of `Experiment.compared`."""
+        first = self.first[self.exp.alone]
+        mine = (self.station >= first) & (self.station < first + len(self.exp.stations))
+        return mine & ((self.channel == 2) == (self.exp.alone == "angle")) if self.planar and not first else mine
 
     def residual(self, rows: Array) -> Array:
         """Return the N weighted residuals (N,): modelled positions and angles (T, S, 3) of S stations in T frames,
@@ -214,10 +223,14 @@ def noise_levels(exp: Experiment, data: Array) -> Array:
 
 def noise_ratio(observed: Observations, residual: Array) -> float:
     """Return the root-mean-square residual of positions and angles over the standard deviation of their noise."""
-    stations = len(observed.exp.stations)
-    noise = noise_levels(observed.exp, observed.data[:, :stations])
-    mine = observed.station < stations
-    off = (residual / observed.flat_weight)[mine] / noise[observed.station[mine], observed.channel[mine]]
+    exp, stations = observed.exp, len(observed.exp.stations)
+    if exp.alone in exp.further:
+        mine, first = observed.is_compared, observed.first[exp.alone]
+        levels = white_noise(observed.data[:, first : first + stations])
+        noise = levels if exp.further[exp.alone].noise is None else np.full_like(levels, exp.further[exp.alone].noise)
+    else:
+        mine, first, noise = observed.station < stations, 0, noise_levels(exp, observed.data[:, :stations])
+    off = (residual / observed.flat_weight)[mine] / noise[observed.station[mine] - first, observed.channel[mine]]
     return float(np.sqrt(np.mean(off**2)))
 
 

@@ -57,8 +57,8 @@ class Slope(NamedTuple):
 def sensitivities(
     model: Model, exp: Experiment, values: Mapping[str, float], sizes: Mapping[str, float], time_step: float,
 ) -> tuple[Array, Array]:
-    """Return the positions and angles (T, S, 3) of S stations in T frames of a simulated experiment, and their
-    derivatives (P, T, S, 3) with respect to P parameters.
+    """Return the positions and angles (T, S or more, 3) of S stations in T frames of a simulated experiment, and of
+    auxiliary points behind them, with their derivatives (P, T, S or more, 3) with respect to P parameters.
 
     Parameters
     ----------
@@ -80,10 +80,9 @@ def sensitivities(
         When no derivative exists on either side of a value.
     """
     forward = forward_problem(model, exp, values, time_step)
-    stations = len(exp.stations)  # axis points of links follow them
     rows = observed_rows(forward, forward.numbers, exp.time.size)
     slopes = slopes_of(model, exp, values, sizes, time_step)
-    return rows[:, :stations], slopes[:, :, :stations]
+    return rows, slopes
 
 
 def slopes_of(

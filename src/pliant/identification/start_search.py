@@ -115,6 +115,7 @@ def beginning(exp: Experiment, duration: float) -> Experiment:
     keep = exp.time <= moving + duration
     cut: dict[str, Any] = {name: None if (value := getattr(exp, name)) is None else value[keep]
            for name in ("time", "position", "angle", "orientation")}  # fmt: skip
+    cut["further"] = {name: rows._replace(values=rows.values[keep]) for name, rows in exp.further.items()}
     try:
         return replace(exp, **cut)
     except InputError:  # a station is seen too late

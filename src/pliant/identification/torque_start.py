@@ -15,6 +15,7 @@ from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.extension_parameters import ALWAYS
 from pliant.identification.names import path_of, paths
+from pliant.identification.observation import modelled_rows, points_at
 from pliant.identification.parameters import shared_name
 from pliant.mechanics import mechanics_of
 from pliant.model import ActuationInput, Model
@@ -97,6 +98,10 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Ac
 
     def shown(q: Array) -> Array:
         phi = mechanics_of(model).coordinates(q)
+        if exp.alone in exp.further:
+            rows = points_at(mechanics_of(model.with_(stations=(last,))), phi)[None]
+            fixed = exp.further[exp.alone].constants[-1:]
+            return modelled_rows(rows, exp.alone, fixed, planar=exp.dimension == 2)[0, 0, : len(exp.axes)]
         return phi[last.link] if exp.without_positions else mechanics_of(model).stations(phi)[0][k]
 
     unloaded = equilibrium(model)

@@ -91,7 +91,8 @@ class Mechanics(ABC):
             from pliant.compiler.duals import duals as of  # loads the compiler
         links = self.placed_links()
         links = of(links) if isinstance(links, np.ndarray) else type(links)(*map(of, links))
-        return Sight(of(np.zeros(self.size)), links, *(of(np.full(shape, np.nan)) for shape in (3, 2, 3, (3, 3))))
+        shapes = (3, 2, 3, (3, 3), (3, 3))
+        return Sight(of(np.zeros(self.size)), links, *(of(np.full(shape, np.nan)) for shape in shapes))
 
     @property
     @abstractmethod

@@ -120,6 +120,10 @@ class ActuationInput(ABC):
         input.
         """
 
+    def value_of(self, field: str) -> float:
+        """Return the value of a declared field that is a single number, 0 where it has no effect on this input."""
+        return float(getattr(self, field)) if self.uses(field) else 0.0
+
     @abstractmethod
     def axial_gains(
         self, joints: int, segment_joints: tuple[tuple[int, ...], ...],

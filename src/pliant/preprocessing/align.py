@@ -31,6 +31,7 @@ from pliant.preprocessing.rest import clock_finding, rest_window
 from pliant.preprocessing.rotations import angle_about, continuous, from_matrix, mean_rotation, to_matrix
 from pliant.preprocessing.side import Alignment, alignment_of, bending_sign, half_turn, planar_side
 from pliant.recording import append_history, check_recording, make_recording
+from pliant.recording.rules import shape_variable
 from pliant.recording.schema import refuse_loss
 
 if TYPE_CHECKING:
@@ -165,9 +166,10 @@ def align(
 
 def _check_positions(recording: xr.Dataset) -> None:
     check_recording(recording)
-    if "angle" in recording and "position" not in recording:
-        raise InputError("align needs positions, and the recording holds angles alone, which need no alignment: use it "
-                         "as it is in a study, or in `pliant estimate` and `pliant contact`")
+    if "position" not in recording and (shown := shape_variable(recording)):
+        alone = "angles" if shown == "angle" else shown
+        raise InputError(f"align needs positions, and the recording holds {alone} alone, which need no alignment: use "
+                         "it as it is in a study, or in `pliant estimate` and `pliant contact`")
     if "position" not in recording or recording.attrs["frame"] == "spatial":
         raise InputError("align needs positions in the tracker's frame: pass the recording as read, not an aligned one")
 

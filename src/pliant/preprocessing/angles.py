@@ -10,6 +10,7 @@ from pliant.preprocessing import detectors
 from pliant.preprocessing.rest import rest_window
 from pliant.recording import append_history, check_recording
 from pliant.recording.inputs import recorded_inputs
+from pliant.recording.rules import shape_values
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,20 +20,21 @@ COARSE = 0.005  # of the range of an angle: steps beyond that are reported
 
 
 def angle_facts(recording: xr.Dataset) -> dict[str, Any]:
-    """Return a dict of data quality of recorded angles, per station: numbers of lost samples and spikes; noise, largest
-    deviation from the median and resolution of the sensor, in degrees.
+    """Return a dict of data quality of recorded angles or inclination, per station: numbers of lost samples and spikes;
+    noise, largest deviation from the median and resolution of the sensor, in degrees.
     """
     names = [str(n) for n in recording["station"].values]
-    angle = recording["angle"].values
-    columns = angle[..., None]
-    spikes, lost = detectors.spikes(columns).sum(0), np.isnan(angle).sum(0)
+    columns = shape_values(recording)
+    spikes, lost = detectors.spikes(columns).sum(0), np.isnan(columns).any(2).sum(0)
+    each = np.moveaxis(columns, -1, 0)
+    noise, steps = np.max([sensor_noise(c) for c in each], axis=0), np.max([coarse_steps(c) for c in each], axis=0)
     return {
         "stations": len(names),
         "missing": {n: int(c) for n, c in zip(names, lost, strict=True) if c},
         "spikes": {n: int(c) for n, c in zip(names, spikes, strict=True) if c},
-        "noise_deg": dict(zip(names, np.degrees(sensor_noise(angle)).tolist(), strict=True)),
+        "noise_deg": dict(zip(names, np.degrees(noise).tolist(), strict=True)),
         "travel_deg": dict(zip(names, np.degrees(detectors.travel(columns)).tolist(), strict=True)),
-        "step_deg": {n: float(np.degrees(q)) for n, q in zip(names, coarse_steps(angle), strict=True) if q > 0},
+        "step_deg": {n: float(np.degrees(q)) for n, q in zip(names, steps, strict=True) if q > 0},
     }
 
 

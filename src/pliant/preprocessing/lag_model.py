@@ -11,6 +11,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.preprocessing.detectors import without_spikes
 from pliant.recording.inputs import inputs_on_one_clock
+from pliant.recording.rules import shape_values
 from pliant.units import input_words
 
 if TYPE_CHECKING:
@@ -61,10 +62,7 @@ def body_course(recording: xr.Dataset) -> TimeSeries:
     """Return the motion of the body as one quantity over time: the first principal component of all positions or
     angles. Its weight is 0 at spikes and gaps.
     """
-    if "position" in recording:
-        columns = without_spikes(recording["position"].values).reshape(recording.sizes["time"], -1)
-    else:
-        columns = without_spikes(recording["angle"].values[..., None])[..., 0]
+    columns = without_spikes(shape_values(recording)).reshape(recording.sizes["time"], -1)
     columns = columns[:, np.isfinite(columns).sum(0) >= FEWEST]
     course, finite = first_component(columns)
     if np.ptp(course[finite]) == 0:

@@ -22,6 +22,7 @@ from pliant.preprocessing.rotations import continuous
 from pliant.recording.clock import usual_step
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.lost import known_losses, loss_sentences
+from pliant.recording.rules import shape_variable
 from pliant.recording.schema import check_recording, history_of
 from pliant.recording.stated import WARNING
 
@@ -217,7 +218,7 @@ def quality(recording: xr.Dataset) -> Quality:
         facts |= _clock(recording["time"].values)
     if "position" in recording:
         facts |= _positions(recording)
-    elif "angle" in recording:
+    elif shape_variable(recording):
         facts |= angle_facts(recording)
     if "strain" in recording:
         lost = np.isnan(recording["strain"].values).sum((0, 2))

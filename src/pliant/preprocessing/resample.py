@@ -11,8 +11,8 @@ from pliant.errors import InputError
 from pliant.preprocessing.arc_length import station_arc_length
 from pliant.preprocessing.rotations import continuous
 from pliant.recording import append_history, check_recording, make_recording
-from pliant.recording.rules import CONSTANTS
-from pliant.recording.schema import VARIABLES, check_holds, refuse_loss
+from pliant.recording.rules import CONSTANTS, shape_values, shape_variable
+from pliant.recording.schema import VARIABLES, refuse_loss
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,7 +42,9 @@ def resample_time(
     longest_gap_s : float
         Longest time between two measured samples to interpolate over; new samples in longer gaps are NaN.
     """
-    check_holds(recording, "position", "resample_time")
+    check_recording(recording)
+    if not shape_variable(recording):
+        raise InputError("resample_time needs positions, but the recording holds none: leave this step out")
     if (rate_hz is None) == (time is None):
         raise InputError("resample_time needs exactly one of rate_hz and time: set one of them")
     if not longest_gap_s > 0:
@@ -59,12 +61,12 @@ def resample_time(
     if "quaternion" in arrays:
         arrays["quaternion"] = continuous(arrays["quaternion"])[0]
     resampled = {n: in_time(old, value, new, longest_gap_s) for n, value in arrays.items()}
-    if "quaternion" in resampled:
-        norm = np.linalg.norm(resampled["quaternion"], axis=-1, keepdims=True)
-        resampled["quaternion"] = resampled["quaternion"] / np.where(norm > 0.1, norm, np.nan)
+    for name in {"quaternion", "gravity"} & set(resampled):
+        norm = np.linalg.norm(resampled[name], axis=-1, keepdims=True)
+        resampled[name] = resampled[name] / np.where(norm > 0.1, norm, np.nan)
     result = _with(recording.drop_dims("time"), recording, resampled, time=new)
     refuse_loss(recording, result, "resample_time", ("strain",))
-    empty = int(np.isnan(resampled["position"]).any(-1).sum())
+    empty = int(np.isnan(shape_values(result)).any(-1).sum())
     bridged = f"gaps up to {longest_gap_s:g} s bridged, {empty} points missing"
     return append_history(result, f"resampled from {len(old)} to {len(new)} frames, {bridged}")
 
@@ -188,13 +190,14 @@ def _with(kept: xr.Dataset, recording: xr.Dataset, arrays: dict, **coords: objec
     """Return the recording with new arrays; variables without the replaced dimension are kept."""
     station = coords.get("station", [str(n) for n in recording["station"].values])
     arc = coords.get("arc_length", recording["arc_length"].values if "arc_length" in recording.coords else None)
+    constants = {str(n): kept[n].values for n in kept.data_vars if str(n).endswith(CONSTANTS)}
     resampled = make_recording(
         coords.get("time", recording["time"].values), station=station, arc_length=arc,  # type: ignore[arg-type]
         frame=recording.attrs["frame"], attrs=dict(recording.attrs),
-        further={n: array for n, array in arrays.items() if n in FURTHER},
+        further={n: array for n, array in arrays.items() if n in FURTHER} | constants,
         **{n: array for n, array in arrays.items() if n not in FURTHER},
-        angle_reference=next((recording[n].attrs["reference"] for n in ("angle", "quaternion") if n in recording
+        angle_reference=next((recording[n].attrs["reference"] for n in ("angle", "quaternion", "gravity") if n in arrays
                               and "reference" in recording[n].attrs), "rest"),
     )  # fmt: skip
-    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation") or str(n).endswith(CONSTANTS)}
+    others = {n: kept[n] for n in kept.data_vars if n in ("pressure", "actuation")}
     return resampled.assign(others).assign_attrs(recording.attrs)

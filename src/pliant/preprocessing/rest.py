@@ -10,7 +10,7 @@ from pliant.errors import InputError
 from pliant.preprocessing import detectors
 from pliant.preprocessing.held import runs
 from pliant.recording.inputs import recorded_inputs
-from pliant.recording.schema import check_recording
+from pliant.recording.rules import check_recording, shape_values, shape_variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,14 +60,12 @@ def rest_window(recording: xr.Dataset) -> tuple[float, float]:
 
 def shown(recording: xr.Dataset) -> NDArray:
     """Return the recorded positions (T, S, d) [m] of S stations over T frames in d dimensions. For a recording without
-    positions, return the angles (T, S, 1) [rad]. Spikes of single frames are interpolated.
+    positions, return the angles (T, S, 1) [rad] or the inclination (T, S, d). Spikes of single frames are interpolated.
     """
-    if "position" in recording:
-        return detectors.spikes_bridged(recording["position"].values)
-    if "angle" not in recording:
+    if not shape_variable(recording):
         raise InputError("finding a rest window needs positions or angles, but the recording holds neither: use "
                          "another recording")
-    return detectors.spikes_bridged(recording["angle"].values[..., None])
+    return detectors.spikes_bridged(shape_values(recording))
 
 
 def before_inputs(recording: xr.Dataset) -> tuple[float, float] | None:

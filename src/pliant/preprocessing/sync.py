@@ -11,6 +11,7 @@ from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.preprocessing.lag_model import Fitted, LagFrame, TimeSeries, body_course, fit_lag, holes, pressure_course
 from pliant.recording.inputs import inputs_on_one_clock
+from pliant.recording.rules import shape_variable
 from pliant.recording.schema import append_history, check_holds, check_recording
 from pliant.units import input_words
 
@@ -221,7 +222,7 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
     """
     check_recording(recording)
     inputs = inputs_on_one_clock(recording)
-    if not ({"position", "angle"} & set(recording)) or not inputs:
+    if not shape_variable(recording) or not inputs:
         raise InputError("sync compares motion with pressure or other inputs, but the recording lacks one of them: add "
                          "the missing one, or skip the synchronisation")  # fmt: skip
     body, pressure = body_course(recording), pressure_course(recording)

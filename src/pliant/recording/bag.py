@@ -20,7 +20,7 @@ from pliant.errors import InputError, clipped, inside
 from pliant.recording.apart import read_apart
 from pliant.recording.bag_frames import FramePose, FrameTree, in_one_frame
 from pliant.recording.clock import usual_step, without_repeats
-from pliant.recording.inclination import turning_angles
+from pliant.recording.inclination import InclinationMapping, gravity_rows, turning_angles
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
@@ -51,6 +51,9 @@ class BagMapping(FileMapping):
     angles : dict of str, optional
         Topic of Imu messages of each sensor, from base to tip, for a body that bends in a plane. Default: all topics of
         Imu, where the bag has no poses or points.
+    inclination : InclinationMapping, optional
+        For Imu sensors on a body in space: takes the direction of gravity in the axes of the links in place of angles
+        in a plane.
     arc_length : list of float, m, optional
         Arc length of each of these sensors.
     pressure_unit : str, optional
@@ -67,6 +70,7 @@ class BagMapping(FileMapping):
 
     topics: dict[str, str] | None = None
     angles: dict[str, str] | None = None
+    inclination: InclinationMapping | None = None
     arc_length: list[float] | None = None
     pressure: dict[str, str] | None = None
     pressure_unit: str | None = None
@@ -112,9 +116,9 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     arrays, facts = read_apart("bag", path, "ROS 2 bag")
     topics = {t["name"]: topic_of(t, arrays, options.clock) for t in facts["topics"]}
     unread = [f"topic {topic[:60]} cannot be read: {reason}" for topic, reason in facts["unread"].items()]
-    stations = {} if options.angles else chosen(topics, options.topics, last_parts(
+    stations = {} if options.angles or options.inclination else chosen(topics, options.topics, last_parts(
         {n: t for n, t in topics.items() if t.rows.shape[2] == 7 and t.kind != IMU}), facts["unread"], path.name)
-    turning = bool(options.angles) or not stations
+    turning = bool(options.angles or options.inclination) or not stations
     if turning:
         sensors = last_parts({n: t for n, t in topics.items() if t.kind == IMU})
         stations = chosen(topics, options.angles, sensors, facts["unread"], path.name)
@@ -161,8 +165,9 @@ def last_parts(topics: Mapping[str, Topic]) -> dict[str, str]:
 def turned(
     arrays: Mapping[str, Any], sensors: Mapping[str, Topic], options: BagMapping, file: str
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return the arguments of `make_recording` for Imu sensors on a body that bends in a plane, and sentences for the
-    history. The orientation of a sensor is used where its messages hold one, otherwise its acceleration.
+    """Return the arguments of `make_recording` for Imu sensors, and sentences for the history: the angles of a body
+    that bends in a plane or, if the mapping describes the sensors, the direction of gravity in the axes of the links.
+    The orientation of a sensor is used where its messages hold one, otherwise its acceleration.
     """
     if strange := [topic.name for topic in sensors.values() if topic.kind != IMU]:
         raise InputError(f"topic {clipped(strange[0])!r} of {file} holds no Imu messages: correct angles in its "
@@ -171,6 +176,9 @@ def turned(
     for s, name in enumerate(sensors):
         quaternion = arrays["quaternion"][:, s] if "quaternion" in arrays else np.full((1, 4), np.nan)
         measured[name] = quaternion if np.isfinite(quaternion).any() else arrays["position"][:, s]
+    if options.inclination is not None:
+        by_link, history = gravity_rows(measured, options.inclination, file)
+        return {"time": arrays["time"], "arc_length": options.arc_length, **by_link}, history
     angle, history = turning_angles(measured, file)
     return {"time": arrays["time"], "angle": angle, "station": list(sensors), "frame": "planar",
             "arc_length": options.arc_length}, history  # fmt: skip

@@ -13,6 +13,7 @@ from pliant.recording.arrays import INPUT_SI
 from pliant.recording.camera import Camera
 from pliant.recording.clock import SECONDS
 from pliant.recording.column_names import COUNTERS, parted
+from pliant.recording.inclination import InclinationMapping
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.units import metre_per, pascal_per, radian_per
 
@@ -153,6 +154,9 @@ class ColumnMapping(FileMapping):
         quaternion x, y, z, w.
     angle_unit : {"deg", "rad"}
         Unit of `angles`; needed with a single column for each.
+    inclination : InclinationMapping, optional
+        For accelerations or quaternions of sensors on a body in space: takes the direction of gravity in the axes of
+        the links in place of angles in a plane.
     pressure : PressureColumns, optional
     inputs : InputColumns or list of them, optional
         Tensions or displacements of tendons, angles of motors.
@@ -175,6 +179,7 @@ class ColumnMapping(FileMapping):
     points: Points | None = None
     angles: dict[str, Column | list[Column]] | None = None
     angle_unit: Literal["deg", "rad"] | None = None
+    inclination: InclinationMapping | None = None
     arc_length: list[float] | None = None
     pressure: PressureColumns | None = None
     inputs: list[InputColumns] = Field(default=[])
@@ -202,6 +207,9 @@ class ColumnMapping(FileMapping):
         if widths - {1} and widths not in ({3}, {4}, {3, 4}):
             raise ValueError("angles need one column for each station, or the 3 of its acceleration or the 4 of its "
                              "quaternion")
+        if self.inclination is not None and (not self.angles or 1 in widths):
+            raise ValueError("inclination needs angles with the 3 columns of an acceleration or the 4 of a quaternion "
+                             "for each station")
         if placed and bool(self.length_unit) == (self.camera is not None):
             raise ValueError("positions need length_unit, such as 'mm', or camera where they are in pixels, not both")
         if self.delimiter not in (None, "space") and len(self.delimiter or "") != 1:

@@ -34,7 +34,7 @@ from pliant.recording.column_arrays import (
     station_arrays,
 )
 from pliant.recording.column_names import PartedClock, completed
-from pliant.recording.inclination import turning_angles
+from pliant.recording.inclination import gravity_rows, turning_angles
 from pliant.recording.mapping import shorten
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
@@ -367,10 +367,13 @@ def _numeric(header: ColumnHeader, options: ColumnMapping) -> set[int]:
 
 
 def _turning(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tuple[dict[str, Any], list[str]]:
-    """Return the arguments of `make_recording` for stations of which only the angles were measured."""
+    """Return the arguments of `make_recording` for stations of which only the angles or inclinations were measured."""
     angles = options.angles or {}
     listed = {name: columns if isinstance(columns, list) else [columns] for name, columns in angles.items()}
     measured = {name: table[:, [header.index(column) for column in columns]] for name, columns in listed.items()}
+    if options.inclination is not None:
+        arrays, history = gravity_rows(measured, options.inclination, header.file)
+        return {**arrays, "arc_length": options.arc_length}, history
     if any(len(columns) > 1 for columns in listed.values()):
         angle, turns = turning_angles(measured, header.file)
     else:

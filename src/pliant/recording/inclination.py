@@ -1,14 +1,16 @@
-"""Compute the angle by which a sensor turns in a plane, from the directions of gravity or the orientations that it
-measures.
+"""Compute what inertial sensors show of a body from the accelerations or orientations that they measure: the angle by
+which each turns in a plane, or the direction of gravity in the axes of its link.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from pliant.errors import InputError, clipped
+from pliant.recording.mapping import FileMapping
 from pliant.recording.stated import WARNING
 
 if TYPE_CHECKING:
@@ -19,6 +21,118 @@ if TYPE_CHECKING:
 LEAST_TURN = 0.01  # rad: below this an axis of rotation cannot be found
 MOST_ASIDE = 0.15  # fraction of the rotation about other axes above which the history warns
 SHAKEN = 0.1  # relative change of the measured gravity above which the history warns
+UP = np.array([0.0, 0.0, 1.0])  # of the fixed axes in which sensors state their orientation
+
+
+class InclinationMapping(FileMapping):
+    """Options of inertial sensors whose direction of gravity is compared with a body in space, or in the plane of the
+    base frame.
+
+    Attributes
+    ----------
+    down : list of 3 floats, or of 2 in the plane
+        Direction of gravity in the axes of the base frame, of any length: in space z, in the plane y is along the body
+        from its base, such as [0, 0, 1] for a body that hangs.
+    axes : list of str, or dict of such lists by sensor
+        Axes of the sensor that point along x, y (and z) of its link, such as ["x", "-z", "y"]. In space z, in the plane
+        y is along the body towards its tip. Default: the sensor's own x, y, z.
+    reference : {"rest", "base"}
+        Whether a fit compares the changes since the first frames, which a constant offset of the sensor and a slight
+        tilt of it on the body do not disturb, or the values.
+    measures : {"acceleration", "gravity"}
+        What three columns hold: what an accelerometer shows at rest, which points up, or the direction of gravity.
+    """
+
+    down: list[float] = Field(min_length=2, max_length=3)
+    axes: list[str] | dict[str, list[str]] = Field(default=["x", "y", "z"])
+    reference: Literal["rest", "base"] = "rest"
+    measures: Literal["acceleration", "gravity"] = "acceleration"
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> Self:
+        if not 0 < np.linalg.norm(self.down) < np.inf:
+            raise ValueError("down is the direction of gravity in the base frame, such as [0, 0, 1], not zero")
+        for axes in self.axes.values() if isinstance(self.axes, dict) else [self.axes]:
+            letters = [axis.removeprefix("-").removeprefix("+") for axis in axes]
+            if not set(letters) <= set("xyz") or len(set(letters)) < len(letters) or not 2 <= len(axes) <= 3:
+                raise ValueError('axes are the sensor\'s axes along x, y (and z) of its link, such as ["x", "-z", "y"]')
+            if len(axes) == 3 and np.linalg.det(np.array([axis_of_sensor(axis) for axis in axes])) < 0:
+                raise ValueError("axes must be right-handed: change the sign of one, or exchange two")
+        return self
+
+
+def axis_of_sensor(name: str) -> NDArray:
+    """Return the unit vector (3,) of an axis of a sensor by its name, such as "-y"."""
+    return (-1.0 if name.startswith("-") else 1.0) * np.eye(3)["xyz".index(name[-1])]
+
+
+def gravity_rows(
+    sensors: Mapping[str, NDArray], options: InclinationMapping, file: str
+) -> tuple[dict[str, Any], list[str]]:
+    """Return the arguments of `make_recording` for the direction of gravity (T, S, d) in the axes of the links of S
+    sensors, in d = 2 or 3 dimensions, and sentences for the history.
+
+    Parameters
+    ----------
+    sensors : dict of (T, 3) or (T, 4) arrays
+        As in `turning_angles`; quaternions turn the sensor's axes to fixed ones whose z points up.
+    options : InclinationMapping
+    file : str
+        File name, for messages.
+
+    Raises
+    ------
+    InputError
+        When a sensor has no value, or its axes are not stated.
+    """
+    size, directions, history = len(options.down), [], []
+    for name, values in sensors.items():
+        listed = options.axes.get(name) if isinstance(options.axes, dict) else options.axes
+        if listed is None or len(listed) < size:
+            raise InputError(f"{file}: state in inclination.axes which {size} axes of {clipped(name, 40)} point along "
+                             f"{'x and y' if size == 2 else 'x, y and z'} of its link")
+        down, lines = _down(values, options.measures, name, file)
+        part = down @ np.array([axis_of_sensor(axis) for axis in listed[:size]]).T
+        length = np.linalg.norm(part, axis=1, keepdims=True)
+        if size == 2 and (aside := float(np.sqrt(1.0 - np.nanmin(length) ** 2))) > MOST_ASIDE:
+            lines.append(f"{WARNING}up to {100 * aside:.0f} % of gravity is across the plane in the axes of "
+                         f"{clipped(name, 40)}, and is left out: the body leaves the plane, or axes are wrong")
+        directions.append(part / np.where(length > 0, length, np.nan))
+        history += lines
+    gravity, vector = np.stack(directions, axis=1), np.array(options.down) / np.linalg.norm(options.down)
+    constants = np.tile(vector, (len(sensors), 1))
+    return {"further": {"gravity": gravity, "gravity_constants": constants}, "angle_reference": options.reference,
+            "station": list(sensors), "frame": "planar" if size == 2 else "spatial"}, history  # fmt: skip
+
+
+def _down(values: NDArray, measures: str, name: str, file: str) -> tuple[NDArray, list[str]]:
+    """Return the direction of gravity (T, 3) in the axes of a sensor, NaN for gaps, and sentences for the history."""
+    from scipy.spatial.transform import Rotation
+
+    known = np.isfinite(values).all(axis=1) & (np.linalg.norm(values, axis=1) > 0)
+    _need_values(known, name, file)
+    down = np.full((len(values), 3), np.nan)
+    if values.shape[1] == 4:
+        down[known] = Rotation.from_quat(values[known]).inv().apply(-UP)
+        source = "its orientation, whose fixed axes have z up"
+    else:
+        sign = -1.0 if measures == "acceleration" else 1.0
+        down[known] = sign * values[known] / np.linalg.norm(values[known], axis=1, keepdims=True)
+        source = "its acceleration, with the opposite sign" if sign < 0 else "the direction of gravity that it states"
+    history = [f"gravity in the axes of {clipped(name, 40)} from {source}"]
+    lost = int((np.isfinite(values).all(axis=1) & ~known).sum())
+    history += [f"{lost} frame(s) of {clipped(name, 40)} are gaps: all numbers are 0"] if lost else []
+    return down, history + (_shaken(values, name) if values.shape[1] == 3 else [])
+
+
+def _shaken(acceleration: NDArray, name: str) -> list[str]:
+    """Return a warning if the magnitude of an acceleration (T, 3) varies, which is then not gravity alone."""
+    size = np.linalg.norm(acceleration, axis=1)
+    size = size[np.isfinite(size) & (size > 0)]
+    shaken = float(size.std() / size.mean())
+    text = (f"{WARNING}the acceleration of {clipped(name, 40)} varies by {100 * shaken:.0f} %, so it is not gravity "
+            "alone: its angle is wrong while the body moves fast")  # fmt: skip
+    return [text] if shaken > SHAKEN else []
 
 
 def turning_angles(sensors: Mapping[str, NDArray], file: str) -> tuple[NDArray, list[str]]:
@@ -51,11 +165,9 @@ def turning_angles(sensors: Mapping[str, NDArray], file: str) -> tuple[NDArray, 
                        "frame")  # fmt: skip
         if aside > MOST_ASIDE:
             history.append(f"{WARNING}{100 * aside:.0f} % of the rotation of {clipped(name, 40)} is about other axes "
-                           "and is left out: the body leaves a plane")  # fmt: skip
-        size = np.linalg.norm(values, axis=1)
-        if by_gravity and (shaken := float(np.nanstd(size) / np.nanmean(size))) > SHAKEN:
-            history.append(f"{WARNING}the acceleration of {clipped(name, 40)} varies by {100 * shaken:.0f} %, so it is "
-                           "not gravity alone: its angle is wrong while the body moves fast")  # fmt: skip
+                           "and is left out: the body leaves a plane; for a body in space, state down and axes in a "
+                           "table [inclination] of its mapping")  # fmt: skip
+        history += _shaken(values, name) if by_gravity else []
     angles = np.column_stack(columns)
     for s in range(angles.shape[1] - 1):
         both = np.isfinite(angles[:, s]) & np.isfinite(angles[:, -1])

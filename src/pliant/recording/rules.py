@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pliant.equations.observation import FURTHER, KINDS
+from pliant.equations.observation import FURTHER, KINDS, kinds_of
 from pliant.errors import InputError, clipped
 from pliant.text import is_line
 from pliant.units import KIND_OF
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     import xarray as xr
+    from numpy.typing import NDArray
 
 SCHEMA = "pliant-recording"
 SCHEMA_VERSION = 1
@@ -52,9 +53,23 @@ VARIABLES: dict[str, tuple[tuple[tuple[str, ...], ...], str, str]] = {
     "base_position": ((("time", "axis"),), "m", "position of the moving base, in its axes at rest"),
     "base_angle": ((("time",),), "rad", "rotation of the moving base about the normal of the plane since rest"),
     "base_quaternion": ((("time", "component"),), "1", "rotation of the moving base since rest, x y z w"),
-    **{name: ((("time", "station"),), KINDS[kind].unit, KINDS[kind].meaning) for name, kind in FURTHER.items()},
+    **{name: ((("time", "station", "axis")[: 2 + (len(kinds_of(name, 3)) > 1)],), KINDS[kind].unit, KINDS[kind].meaning)
+       for name, kind in FURTHER.items()},
     **{f"{name}{CONSTANTS}": ((("station", "constant"),), "SI", f"constants of {name}") for name in FURTHER},
 }
+
+
+def shape_variable(recording: xr.Dataset) -> str:
+    """Return the name of the variable that shows the motion of the stations: the position or, in a recording without
+    positions, the angle or a further variable; "" if there is none.
+    """
+    return next((name for name in ("position", "angle", *FURTHER) if name in recording), "")
+
+
+def shape_values(recording: xr.Dataset) -> NDArray:
+    """Return the values (T, S, k) of the variable `shape_variable`, for S stations in T frames."""
+    values = recording[shape_variable(recording)].values
+    return values if values.ndim == 3 else values[..., None]
 
 
 def check_recording(recording: xr.Dataset) -> xr.Dataset:
@@ -70,8 +85,9 @@ def check_recording(recording: xr.Dataset) -> xr.Dataset:
     - quaternions that are not of unit length;
     - repeated station names;
     - a planar recording with a z axis;
+    - a direction of gravity that is no unit vector, or is not known in the base frame;
     - an input of an unknown kind;
-    - a recording without position, angle, strain, pressure or another input.
+    - a recording without position, angle, inclination, strain, pressure or another input.
 
     Raises
     ------
@@ -79,7 +95,7 @@ def check_recording(recording: xr.Dataset) -> xr.Dataset:
         When a rule is broken; the message names the rule and the variable.
     """
     _check_attributes(recording)
-    if not {"position", "angle", "strain", "pressure", "actuation"} & set(recording.data_vars):
+    if not shape_variable(recording) and not {"strain", "pressure", "actuation"} & set(recording.data_vars):
         raise InputError(
             "a recording must hold position, angle, strain, pressure or another input, but this one holds "
             f"{', '.join(map(str, recording.data_vars)) or 'no variable'}"
@@ -90,7 +106,7 @@ def check_recording(recording: xr.Dataset) -> xr.Dataset:
     for name, (dims, units, _) in COORDINATES.items():
         if name in recording.coords:
             _check_array(recording[name], name, (dims,), units)
-    if {"position", "angle", "strain"} & set(recording.data_vars):
+    if shape_variable(recording) or "strain" in recording:
         _check_clock(recording, "time")
     if "pressure" in recording:
         _check_clock(recording, "pressure_time")
@@ -192,13 +208,13 @@ def _check_inputs(recording: xr.Dataset) -> None:
 
 
 def _check_stations(recording: xr.Dataset) -> None:
-    variable = next((name for name in ("position", "angle") if name in recording), None)
-    if variable is None:
+    variable = shape_variable(recording)
+    if not variable:
         return
     names = [str(n) for n in recording["station"].values] if "station" in recording.coords else []
     if not names or len(names) != recording.sizes["station"]:
         raise InputError(f"{variable} needs at least one station and a name for each")
-    if variable == "angle":
+    if "axis" not in recording[variable].dims:
         return
     axes = [str(a) for a in recording["axis"].values] if "axis" in recording.coords else []
     expected = ["x", "y"] if recording.attrs["frame"] == "planar" else ["x", "y", "z"]
@@ -218,6 +234,12 @@ def _check_rotations(recording: xr.Dataset) -> None:
             raise InputError("the variable quaternion of an aligned recording must have the attribute reference = "
                              "'rest' or 'base': add it")
         _check_norm(recording, "quaternion")
+    if "gravity" in recording:
+        if f"gravity{CONSTANTS}" not in recording or recording["gravity"].attrs.get("reference") not in REFERENCES:
+            raise InputError(f"gravity in the axes of links needs its direction in the base frame, gravity{CONSTANTS} "
+                             "(one unit vector for each station), and the attribute reference = 'rest' or 'base'")
+        _check_norm(recording, "gravity")
+        _check_norm(recording, f"gravity{CONSTANTS}")
 
 
 def _check_norm(recording: xr.Dataset, name: str) -> None:

@@ -79,7 +79,8 @@ def make_recording(
         Planar recordings only: rotation of a station about +z.
     angle_reference : {"rest", "base"}
         What `angle`, or the `quaternion` of an aligned recording, is measured from: the station's own rest pose, or the
-        base tangent (the base frame).
+        base tangent (the base frame). For ``gravity`` of `further`: whether only its changes since rest are compared
+        with a model, or its values.
     pressure : (P,) or (P, C) array, Pa gauge, optional
         With two dimensions one column per chamber. (P, 1) without `chamber` is stored as (P,).
     pressure_time : (P,) array, s, optional
@@ -114,8 +115,11 @@ def make_recording(
     attrs : dict, optional
         Further attributes, stored unchanged.
     further : dict, optional
-        Values (T, S) of other kinds of measurement by their variables in `equations.observation.KINDS`, and the
-        constants (S, k) of their stations by the variable followed by ``_constants``.
+        Values of other kinds of measurement by their variables in `equations.observation.KINDS`, (T, S) or, where the
+        variable has a row for each axis, (T, S, d), and the constants (S, k) of their stations by the variable followed
+        by ``_constants``. ``gravity`` is the unit vector (T, S, d) of the direction of gravity in the axes of each
+        station's link (x to the side, the last axis along the link), as an inertial sensor shows it; its constants
+        (S, d) are that direction in the base frame.
 
     Returns
     -------
@@ -138,30 +142,27 @@ def make_recording(
     coords: dict[str, Any] = {}
     if time is not None:
         coords["time"] = _floats("time", time, 1)
-    if position is not None:
-        array = _floats("position", position, 3)
-        coords["station"] = _names(station, array.shape[1], "station", "s")
-        coords["axis"] = _axes(array.shape[2])
-        variables["position"] = (("time", "station", "axis"), array)
     if strange := [name for name in further or () if name.removesuffix(CONSTANTS) not in FURTHER]:
         raise InputError(f"{strange[0]!r} is no further kind of measurement ({', '.join(FURTHER) or 'there is none'}): "
                          "leave it out")  # fmt: skip
     refused: dict[str, dict[str, int]] = {}
+    for name, value in {"position": position, "angle": angle, **(further or {})}.items():
+        if value is not None:
+            dims = VARIABLES[name][0][0]
+            array = _floats(name, value, len(dims))
+            variables[name] = (dims, array)
+            coords.setdefault("station", _names(station, array.shape[dims.index("station")], "station", "s"))
+            if "axis" in dims:
+                coords.setdefault("axis", _axes(array.shape[2]))
     if quaternion is not None:
         _add_orientation(variables, coords, quaternion, station, refused)
-    for name, value in {"angle": angle, **(further or {})}.items():
-        if value is not None:
-            array = _floats(name, value, len(VARIABLES[name][0][0]))
-            variables[name] = (VARIABLES[name][0][0], array)
-            count = array.shape[VARIABLES[name][0][0].index("station")]
-            coords.setdefault("station", _names(station, count, "station", "s"))
     if arc_length is not None:
         coords["arc_length"] = ("station", _floats("arc_length", arc_length, 1))
     _add_pressure(variables, coords, pressure, pressure_time, chamber)
     _add_inputs(variables, coords, actuation, input_time, input_names, input_kind)
     _add_strain(variables, coords, strain, gauge_position, core)
     recording = _assemble(variables, coords)
-    for name in [n for n in ("angle", "quaternion") if n in recording and frame != "tracker"]:
+    for name in [n for n in ("angle", "quaternion", "gravity") if n in recording and frame != "tracker"]:
         recording[name].attrs["reference"] = angle_reference
     lines = [history] if isinstance(history, str) else list(history)
     recording.attrs = {
@@ -175,8 +176,8 @@ def make_recording(
 
 
 def recorded_further(recording: xr.Dataset, stations: Sequence[str]) -> dict[str, tuple[NDArray, NDArray]]:
-    """Return the values (T, S) and the constants (S, k) of S stations in T frames for each measured variable beside
-    positions, angles and orientations that a recording holds, by the name of the variable.
+    """Return the values, (T, S) or (T, S, d), and the constants (S, k) of S stations in T frames for each measured
+    variable beside positions, angles and orientations that a recording holds, by the name of the variable.
     """
     names = [name for name in FURTHER if name in recording]
     selected = recording.sel(station=list(stations)) if names else recording

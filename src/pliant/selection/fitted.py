@@ -218,9 +218,7 @@ def step_error(fit: FittedModel, step: float) -> float:
 def percent_of(observed: Observations, residual: Array) -> float:
     """Return the RMS error [% of peak displacement] of one recording from its weighted residuals (N,)."""
     exp = observed.exp
-    mine = observed.station < len(exp.stations)
-    if observed.planar:
-        mine &= (observed.channel == 2) == exp.without_positions
+    mine = observed.is_compared
     off = (residual / observed.flat_weight)[mine]
     count = np.unique(observed.rows[mine] * len(exp.stations) + observed.station[mine]).size
     return float(100 * np.sqrt(np.sum(off**2) / max(count, 1)) / exp.travel)

@@ -200,10 +200,10 @@ def relaxation(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
 def paths_of_tendons(model: Model) -> Iterator[Term]:
     """Yield unequal pretensions within pairs of tendons, and tendons that converge along the body."""
     cords = [(start, c) for start, c in zip(prefixes(model), model.chambers, strict=True) if c.signs]
-    now = {f"{start}imbalance": float(getattr(c, "imbalance", 0.0)) for start, c in cords if c.uses("imbalance")}
+    now = {f"{start}imbalance": c.value_of("imbalance") for start, c in cords if c.uses("imbalance")}
     if now:
         yield term("imbalance", "", [Parameter(name, value) for name, value in now.items()], now)
-    if not any(getattr(c, "taper", 0.0) for _, c in cords):
+    if not any(c.value_of("taper") for _, c in cords):
         yield term("taper", "", [Parameter("taper", 0.0)], {"taper": 0.0})
 
 

@@ -1,5 +1,6 @@
 """Simulation of a model under pressure inputs: whole motions, reference simulations, and single time steps."""
 
+from pliant.simulation.base_file import read_base
 from pliant.simulation.base_motion import BaseMotion
 from pliant.simulation.forces import PointForce
 from pliant.simulation.inputs import Chirp, Input, Multisine, Pulse, Step, Trace, ramp, triangle
@@ -9,5 +10,5 @@ from pliant.simulation.stepper import Stepper
 
 __all__ = [
     "BaseMotion", "Chirp", "Input", "Multisine", "PointForce", "Pulse", "Step", "Stepper", "Trace", "equilibrium",
-    "modes", "ramp", "simulate", "triangle",
+    "modes", "ramp", "read_base", "simulate", "triangle",
 ]

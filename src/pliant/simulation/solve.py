@@ -224,6 +224,8 @@ def simulate(
         method=method, time_step=solution.time_step,
     )
     motion.attrs["graded"] = int(graded)  # netCDF has no Booleans
+    if base is not None:
+        motion.attrs["history"] = base.summary()
     return judged(motion, solution, how, model.length)
 
 

@@ -125,11 +125,13 @@ def tendons(out: Lines, inspected: Inspected) -> None:
     shared_by_tendons(out, {one.kind for one in trial.tendon_inputs})
     slack = can_be_slack(inspected)
     held = all(one.kind != "tension" for one in trial.tendon_inputs)
-    ends = [] if trial.aligned is None else tendon_ends(trial.aligned, len(trial.tendon_inputs), held=held)
+    shown = [] if trial.aligned is None else azimuths(trial.aligned, away=False)[-len(trial.tendon_inputs) :]
+    ends = [] if trial.aligned is None or trial.angles_only else \
+        tendon_ends(trial.aligned, len(trial.tendon_inputs), held=held)
     for k, one in enumerate(trial.tendon_inputs):
         out.item("actuator.tendons", one.name)
         out.put("driven_by", one.kind, "as its column says" if trial.guess else "as the mapping states")
-        azimuth_of(out, round(ends[k][0]) if ends else None)
+        azimuth_of(out, round(ends[k][0] if ends else shown[k]) if shown else None)
         if ends and len(passed := joints_up_to(ends[k][1], body_length(trial))) < LINKS:
             out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
         if trial.tracks_one_body and len(trial.tendon_inputs) > OF_ONE_SEGMENT:
@@ -207,27 +209,28 @@ def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
         out.put("staircase", "lines", "the log holds inputs between updates; the model joins the changes by lines")
 
 
-def azimuths(recording: xr.Dataset) -> list[float]:
+def azimuths(recording: xr.Dataset, *, away: bool = True) -> list[float]:
     """Estimate the azimuth of each chamber [degrees, 0 to 360, from x towards y] from the direction in which its
-    pressure moves the last station.
+    pressure moves the last station or, without positions, in which the last sensor leans.
 
-    A chamber bends the body away from itself. The station's displacement is assumed to be linear in all pressures.
+    A chamber bends the body away from itself; with ``away=False``, an input is a tendon, which bends it towards itself.
+    The station's displacement is assumed to be linear in all inputs.
 
     Parameters
     ----------
     recording : xarray.Dataset
         Recording in the base frame, in space.
     """
-    gain = -sideways(recording)[:, -1]
+    gain = (-1.0 if away else 1.0) * sideways(recording)[:, -1]
     return [float(a) for a in np.degrees(np.arctan2(gain[:, 1], gain[:, 0])) % 360.0]
 
 
 def sideways(recording: xr.Dataset) -> np.ndarray:
     """Return the displacement of S stations per unit of each of C inputs, (C, S, 1) in a plane or (C, S, 2) in space [m
-    per unit], by least squares. Its components are perpendicular to the base tangent. Inputs that rise and fall
-    together share what they move, in proportion to their ranges.
+    per unit; without positions how the body leans, rad per unit], by least squares. Its components are perpendicular to
+    the base tangent. Inputs that rise and fall together share what they move, in proportion to their ranges.
     """
-    across = without_spikes(recording["position"].values)[..., :-1]
+    across = without_spikes(recording["position"].values)[..., :-1] if "position" in recording else leaning(recording)
     inputs = inputs_at(recording, recording["time"].values)
     sizes = np.nanstd(inputs, axis=0)
     sizes[sizes == 0.0] = 1.0
@@ -238,6 +241,17 @@ def sideways(recording: xr.Dataset) -> np.ndarray:
         known = np.isfinite(across[:, s]).all(axis=1) & np.isfinite(inputs).all(axis=1)
         gain[:, s] = np.linalg.lstsq(design[known], across[known, s], rcond=TOGETHER)[0][:-1] / sizes[:, None]
     return gain
+
+
+def leaning(recording: xr.Dataset) -> np.ndarray:
+    """Return how the links of S stations lean in T frames of a recording of inclinations in space (T, S, 2) [rad]: the
+    displacement of a point one metre along the link, by small rotations without twist from the first frames.
+    """
+    gravity, down = recording["gravity"].values, recording["gravity_constants"].values[0]
+    change = gravity - np.nanmedian(gravity[:10], axis=0)
+    about_x, about_y, _ = -np.cross(np.eye(3), down)  # change of gravity in the link's axes by a turn about each axis
+    turn = change @ np.linalg.pinv(np.column_stack([about_x, about_y])).T
+    return np.stack([turn[..., 1], -turn[..., 0]], axis=-1)
 
 
 def chamber_span(recording: xr.Dataset, name: str) -> tuple[int, float, float]:

@@ -13,6 +13,7 @@ from pliant.study.shorthand import OPEN
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial, farthest, longest_rest
 
+EARTH = 9.81  # m/s^2
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 
 def camera(out: Lines, trials: Sequence[Trial]) -> None:
@@ -100,7 +101,9 @@ def space_entry(out: Lines, inspected: Inspected) -> None:
     """
     share = 100 * max(trial.out_of_plane for trial in inspected.trials)
     reason = f"{share:.0f} % of the motion is out of its best-fit plane"
-    if inspected.poses and inspected.space:
+    if inspected.space and inspected.first.angles_only:
+        out.put("space", True, "the sensors show the direction of gravity in three axes")
+    elif inspected.poses and inspected.space:
         out.put("space", True, "settled poses are modelled in space")
     elif inspected.space:
         out.put("space", True, f"{reason}; remove this line to model the motion in that plane alone")
@@ -115,6 +118,11 @@ def weight(out: Lines, inspected: Inspected, gravity: Sequence[float] | None) ->
     trials = inspected.trials
     released = inspected.excited_by("release")
     stated = None if gravity is None else [float(g) for g in gravity]
+    if stated is None and "gravity" in trials[0].recording:
+        toward = trials[0].recording["gravity_constants"].values[0]
+        vector = [round(float(g), 4) for g in EARTH * toward]
+        out.put("gravity", vector, "m/s^2 in the base frame, as the mapping states its direction")
+        return
     if stated is not None or released or (inspected.space and trials[0].recording.attrs["frame"] == "tracker"):
         reason = ": it moves the released body" if released else "; [0.0, 0.0, 0.0] if the weight has no effect"
         out.ask("gravity", f"m/s^2 in the axes of the tracker; {hanging(trials)}{reason}", stated,

@@ -16,6 +16,7 @@ from pliant.recording import read, readers
 from pliant.recording.mapping import options_of, refuse_idle
 from pliant.recording.mat import trials_of
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
+from pliant.recording.rules import shape_variable
 from pliant.sensing import read_shape
 from pliant.study.column_guess import MILLIMETRES, TableGuess, extent, guessed_table
 
@@ -48,9 +49,10 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
         if (guess := guessed_table(path, stated)) is None:
             raise
         return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
-    shape = {"position", "angle", "strain"} & set(recording)
+    shown = shape_variable(recording)
+    shape = bool(shown) or "strain" in recording
     wrong_scale = not stated and too_large(recording)
-    if shape and not wrong_scale and {"pressure", "actuation", "angle", "strain"} & set(recording):
+    if shape and not wrong_scale and (shown != "position" or {"pressure", "actuation", "strain"} & set(recording)):
         return FirstReading(recording, {})
     guess = guessed_table(path, stated)
     if guess is None or (shape and not (guess.has_inputs or guess.trials or wrong_scale)) or "select" in stated:

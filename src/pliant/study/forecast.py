@@ -107,6 +107,7 @@ def run_forecast(
     return Forecast(
         name, entry.title or name, stated, case.time, tip, dict(zip(seen, found[:count].tolist(), strict=True)),
         interval, width, extrapolations(case, result, training, entry.known),
+        rows=case.axes if case.alone in case.further else (),
     )
 
 

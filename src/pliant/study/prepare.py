@@ -31,6 +31,7 @@ from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.mapping import KEY
 from pliant.recording.published import PREFIX
+from pliant.recording.rules import shape_variable
 from pliant.recording.schema import append_history, history_of
 from pliant.recording.typed_steps import held_sentences
 from pliant.sensing import read_shape
@@ -219,10 +220,11 @@ def with_moved_base(entry: Recording, stations: xr.Dataset, options: dict[str, A
 
 def check_frame(name: str, raw: xr.Dataset, *, space: bool) -> None:
     """Raise InputError if the recording's frame (planar or spatial) does not fit `space` of the study."""
-    frame = str(raw.attrs.get("frame")) if "position" in raw else "planar"
+    shape = shape_variable(raw)
+    frame = "planar" if shape in ("", "angle") else str(raw.attrs.get("frame"))
     if frame != "tracker" and space != (frame == "spatial"):
-        flat = "positions in a plane" if "position" in raw else "angles alone"
-        holds = "positions in space" if frame == "spatial" else flat
+        what, where = "positions" if shape == "position" else shape, "space" if frame == "spatial" else "a plane"
+        holds = "angles alone" if shape in ("", "angle") else f"{what} in {where}"
         raise InputError(f"recording {name} holds {holds}, but [actuator] space is {str(space).lower()}: change space, "
                          "or use the tracker's recording before alignment")  # fmt: skip
 

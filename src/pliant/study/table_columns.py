@@ -28,8 +28,10 @@ Array = np.ndarray
 TURNING = {"q", "quat", "quaternion", "orientation"}
 ACCELERATIONS = {"a", "acc", "accel", "acceleration", "linear_acceleration"}
 TURNS = {*TURNING, "ori", "rot"}
-SENSED = re.compile(r"(?:(?P<owner>.+?)_)?(?:imu_)?(?P<kind>q|quat|quaternion|orientation|ori|rot|a|acc|accel|"
-                    r"acceleration|linear_acceleration|g|grav|gravity)_?(?P<axis>[xyzw])(?:_m_s_?2?)?")  # fmt: skip
+SENSOR = (r"(?P<kind>q|quat|quaternion|orientation|ori|rot|a|acc|accel|acceleration|linear_acceleration|g|grav|gravity)"
+          r"_?(?P<axis>[xyzw])")  # fmt: skip
+SENSED = (re.compile(rf"(?:(?P<owner>.+?)_)?(?:imu_)?{SENSOR}(?:_m_s_?2?)?"),
+          re.compile(rf"{SENSOR}_(?P<owner>.+?)(?:_m_s_?2?)?"))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ def sensors_by_name(table: PlainTable) -> dict[str, list[int]]:
     groups: dict[tuple[str, str], dict[str, int]] = {}
     for k, name in enumerate(table.names):
         words = words_of(name.partition("[")[0].removesuffix("_g"))
-        if match := SENSED.fullmatch("_".join(words)):
+        if match := next(filter(None, (form.fullmatch("_".join(words)) for form in SENSED)), None):
             key = (match["owner"] or "tip", match["kind"])
             groups.setdefault(key, {}).setdefault(match["axis"], k)
     accelerated = {owner for owner, kind in groups if kind in ACCELERATIONS}

@@ -23,6 +23,7 @@ from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
 from pliant.preprocessing.side import alignment_of
 from pliant.recording.inputs import RecordedInput, recorded_inputs
+from pliant.recording.rules import shape_values, shape_variable
 from pliant.sensing import read_shape
 from pliant.study.aligned import with_log
 from pliant.study.column_guess import TableGuess
@@ -133,17 +134,16 @@ class Trial:
 
     @property
     def angles_only(self) -> bool:
-        """Return whether the file holds angles and no positions."""
+        """Return whether the file holds angles or inclination, and no positions."""
         return "position" not in self.recording
 
     @property
     def last_motion(self) -> np.ndarray:
-        """Return the motion of the last station over T frames (T, axes): position [m], or angle [rad] if the file holds
-        angles alone.
+        """Return the motion of the last station over T frames (T, axes): position [m], or angle [rad] or inclination if
+        the file holds no positions.
         """
         recording = self.recording if self.aligned is None else self.aligned
-        last = recording["angle"].values[:, -1:, None] if self.angles_only else recording["position"].values[:, -1:]
-        return without_spikes(last)[:, 0]
+        return without_spikes(shape_values(recording)[:, -1:])[:, 0]
 
     @property
     def out_of_plane(self) -> float:
@@ -257,7 +257,7 @@ def inspect_trial(
 def inspect_reading(files: WithLog, reading: FirstReading, number: int | None = None) -> Trial:
     """Inspect what was read from a file; see `inspect_trial`."""
     recording, assumed, guess = reading
-    if not {"position", "angle"} & set(recording):
+    if not shape_variable(recording):
         held = (
             "the strain of a fibre: describe its cores in a mapping file (table [cores]) and give that by --mapping"
             if "strain" in recording
@@ -273,7 +273,7 @@ def inspect_reading(files: WithLog, reading: FirstReading, number: int | None = 
     recording = leave_out_glitches(leave_out_frozen(recording))
     trial = Trial(files.shape, recording, assessed, files.options, assumed=assumed, log=files.log, number=number,
                   log_mapping=files.log_options, part=files.trial, guess=guess)  # fmt: skip
-    if trial.angles_only:
+    if shape_variable(recording) == "angle":
         try:
             return replace(trial, aligned=from_rest(recording))
         except InputError as error:
@@ -327,7 +327,7 @@ def in_space(trial: Trial, *, settled: bool = False) -> Trial:
     InputError
         When the file holds angles alone, or positions that are planar already.
     """
-    if trial.angles_only or trial.recording.attrs["frame"] == "planar":
+    if trial.recording.attrs["frame"] == "planar":
         content = "angles alone" if trial.angles_only else "a planar recording"
         raise InputError(f"{trial.path.name} holds {content}: a study in space needs the three-dimensional positions "
                          "of the tracker")

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from pliant.identification import Experiment
 from pliant.model import ActuationInput
 from pliant.validation.outcome import FitOutcome
 
@@ -85,13 +86,11 @@ def instants(path: Array, most: int = 4) -> list[int]:
     return [int(measured[k]) for k in dict.fromkeys(reached)]
 
 
-def axes_of(unit: str, dimension: int = 2) -> tuple[tuple[str, ...], str, float]:
-    """Return the axis names, the unit and the factor from SI to this unit for a figure of positions (`unit` "mm") or of
-    angles ("deg").
-
-    For "mm" the axes are x, y (and z); for "deg" there is one angle.
+def axes_of(exp: Experiment) -> tuple[tuple[str, ...], str, float]:
+    """Return the axis names, the unit and the factor from SI to this unit for a figure of what an experiment compares:
+    positions in mm, angles or inclination in degrees.
     """
-    return (tuple("xyz"[:dimension]), unit, 1e3) if unit == "mm" else (("angle",), unit, float(np.degrees(1.0)))
+    return exp.axes, *exp.shown_in
 
 
 def laws_of(fit: FitOutcome) -> list[tuple[str, ActuationInput, dict[float, str]]]:

@@ -68,7 +68,7 @@ def record_figure(record: RecordOutcome) -> Figure:
     The stations are spread evenly and include the last one. Each axis has a column; recordings of angles have one.
     """
     exp = record.experiment
-    chosen, (names, unit, factor) = evenly_spaced(len(exp.stations), STATIONS), axes_of(exp.shown_in[0], exp.dimension)
+    chosen, (names, unit, factor) = evenly_spaced(len(exp.stations), STATIONS), axes_of(exp)
     forced = exp.excitation != "release"
     with drawing():
         figure, axes = columns_in_time([*[1.0] * len(chosen), 0.8], len(names), below=0.7 * forced)
@@ -114,7 +114,7 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
     if not pairs:
         raise InputError(f"no fit has the record {record_name!r}: check its name")
     drawn, letters = pairs[:MOST_FITS], int(13.4 * WIDTH.get())
-    names, unit, factor = axes_of(pairs[0][1].experiment.shown_in[0], pairs[0][1].experiment.dimension)
+    names, unit, factor = axes_of(pairs[0][1].experiment)
     with drawing():
         figure = Figure(figsize=(WIDTH.get(), 4.2), layout="constrained")
         axes = figure.subplots(len(names) + 1, len(drawn), sharex=True, sharey="row", squeeze=False)
@@ -142,7 +142,7 @@ def comparison_figure(fits: Sequence[FitOutcome], record_name: str) -> Figure:
 def residual_figure(record: RecordOutcome) -> Figure:
     """Draw the residual of the last station against time, and its autocorrelation with the 95 % band of white noise."""
     exp = record.experiment
-    names, unit, factor = axes_of(exp.shown_in[0], exp.dimension)
+    names, unit, factor = axes_of(exp)
     residual = factor * (record.modelled[:, -1] - exp.last_station)
     with drawing():
         figure, (left, right) = side_by_side(2, (1, 1), 2.5)
@@ -254,7 +254,7 @@ def forecast_figure(forecast: Forecast) -> Figure:
     """Draw the predicted motion of the last station for a case that was not recorded, with its 95 % band."""
     with drawing():
         figure, axes = columns_in_time([1.0], forecast.tip.shape[1])
-        names, unit, factor = axes_of("deg" if len(axes[0]) == 1 else "mm", len(axes[0]))
+        names, (unit, factor) = forecast.axes, forecast.shown_in
         line = MODELLED | {"label": "predicted, not recorded"}
         for axis, ax in enumerate(axes[0]):
             ax.plot(*thin(forecast.time, tip := factor * forecast.tip[:, axis]), **line)

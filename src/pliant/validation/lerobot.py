@@ -153,7 +153,7 @@ def write_folder(folder: Path, sides: Sides, episodes: Sequence[Episode], fps: i
 
 def features_of(sides: Sides) -> dict[str, dict[str, Any]]:
     """Return the type, shape and names of every column, as in meta/info.json."""
-    unit = "rad" if sides.axes == ("angle",) else "m"
+    unit = "rad" if sides.turns else "m"
     state = [f"{station}.{axis} [{unit}]" for station in sides.stations for axis in sides.axes]
     inputs = [f"{name or 'pressure'} [{u}]" for name, u in zip(sides.inputs, sides.units, strict=True)]
     named = {"observation.state": state, "action": inputs, "model.state": state}

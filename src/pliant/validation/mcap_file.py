@@ -127,7 +127,7 @@ def write_mcap(sides: Sides, path: Path) -> tuple[str, ...]:
     """
     if path.suffix != ".mcap":
         raise InputError(f"the name of an MCAP file must end in .mcap, got {path.name!r}")
-    if sides.axes == ("angle",):
+    if sides.turns:
         raise InputError("the recordings hold angles and no positions, which MCAP viewers cannot show: export to "
                          "lerobot instead")
     notes = []

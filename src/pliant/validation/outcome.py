@@ -187,11 +187,22 @@ class Forecast:
     title: str
     stated: dict[str, float]  # stated changes, by parameter name
     time: Array  # (T,) s
-    tip: Array  # (T, 2) m; (T, 1) rad of angles alone
+    tip: Array  # (T, 2 or 3) m; without positions the values of `Experiment.compared`
     numbers: dict[str, float]  # frequency_hz, static_drop_mm, ... with the unit in the name
     interval: dict[str, float] = field(default_factory=dict)  # half-widths at 95 % of the numbers
-    half_width: Array | None = None  # (T, 2) m or (T, 1) rad, of the 95 % band about the tip
+    half_width: Array | None = None  # as `tip`, of the 95 % band about it
     extrapolates: tuple[str, ...] = ()  # inputs, combinations of inputs and loads beyond the training recordings
+    rows: tuple[str, ...] = ()  # names of the columns of `tip` where they are neither positions nor an angle
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Return the names of the columns of `tip`: x and y, in space z too, or an angle, or `rows`."""
+        return self.rows or (("angle",) if self.tip.shape[1] == 1 else tuple("xyz"[: self.tip.shape[1]]))
+
+    @property
+    def shown_in(self) -> tuple[str, float]:
+        """Return the display unit of the tip ("mm" or "deg"), and the factor to it from the SI unit."""
+        return ("mm", 1e3) if self.axes[0] in tuple("xyz") else ("deg", float(np.degrees(1.0)))
 
 
 class WiringRow(NamedTuple):
@@ -284,8 +295,9 @@ class StudyOutcome(Shown):
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Return the names of the compared coordinates: x and y, in space z too, or an angle."""
-        return ("angle",) if self.turns else tuple("xyz"[: mechanics_of(self.model).dimension])
+        """Return the names of the compared coordinates, see `Experiment.axes`."""
+        first = next((r.experiment for f in self.fits for r in f.records), None)
+        return tuple("xyz"[: mechanics_of(self.model).dimension]) if first is None else first.axes
 
     def card(self) -> Card:
         """Return the headline, and a table with the errors of every recording under each fit, for display."""

@@ -48,7 +48,8 @@ class Sides(NamedTuple):
     study, title, fit : str
     stations : tuple of str
     axes : tuple of str
-        ("x", "y"), ("x", "y", "z") or ("angle",).
+        ("x", "y"), ("x", "y", "z") or ("angle",); for a further variable without positions the names of its kinds of
+        rows, see `equations.observation.KINDS`.
     inputs, units : tuple of str
         Names and SI units of the model's inputs.
     sides : tuple of Side
@@ -63,6 +64,11 @@ class Sides(NamedTuple):
     inputs: tuple[str, ...]
     units: tuple[str, ...]
     sides: tuple[Side, ...]
+
+    @property
+    def turns(self) -> bool:
+        """Return whether the recordings have no positions."""
+        return self.axes[0] not in tuple("xyz")
 
 
 def sides_of(outcome: StudyOutcome, fit: str = "", records: Sequence[str] = ()) -> Sides:
@@ -90,9 +96,8 @@ def sides_of(outcome: StudyOutcome, fit: str = "", records: Sequence[str] = ()) 
             )
     actuation = chosen.result.model.actuation
     ordered = sorted(wanted, key=lambda r: r.role != "train")
-    axes = ("angle",) if first.without_positions else ("x", "y", "z")[: first.dimension]
-    return Sides(outcome.name, outcome.title, chosen.title, first.stations, axes, actuation.names, actuation.units,
-                 tuple(side_of(r, actuation.names) for r in ordered))
+    return Sides(outcome.name, outcome.title, chosen.title, first.stations, first.axes, actuation.names,
+                 actuation.units, tuple(side_of(r, actuation.names) for r in ordered))
 
 
 def fit_named(fits: Sequence[FitOutcome], name: str) -> FitOutcome:

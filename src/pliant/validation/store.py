@@ -12,15 +12,18 @@ import numpy as np
 import xarray as xr
 
 from pliant.adaptation.result import Adaptation
+from pliant.equations.observation import FURTHER
 from pliant.errors import InputError, clipped
 from pliant.failures import NotComputed
 from pliant.files import content_of, whole
 from pliant.identification import Band, Experiment, FitResult, Parameter
+from pliant.identification.experiment import FurtherRows
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.model.file import read_model
 from pliant.recording.inputs import CUTOFF
 from pliant.recording.netcdf import read_groups
+from pliant.recording.rules import CONSTANTS
 from pliant.reduction import LinkPlacement, OrderResult
 from pliant.selection import ModelSelection
 from pliant.simulation import BaseMotion, Trace
@@ -94,7 +97,12 @@ def names_of_inputs(units: Collection[str]) -> tuple[str, str]:
 def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa") -> xr.Dataset:
     """Return the measured motion and inputs of a recording; `unit_of` returns the SI unit of an input by name."""
     variables: dict[str, Any] = {}
-    if exp.without_positions:
+    if exp.alone in exp.further:
+        rows = exp.further[exp.alone]
+        about_rows = {"units": "1", "long_name": f"measured {exp.alone}", "reference": rows.reference}
+        variables[exp.alone] = (SPACE[: rows.values.ndim], rows.values, about_rows)
+        variables[f"{exp.alone}{CONSTANTS}"] = (("station", "constant"), rows.constants, {"units": "SI"})
+    elif exp.alone:
         about_angle = {"units": "rad", "long_name": "measured angle", "reference": exp.angle_reference}
         variables["angle"] = (("time", "station"), exp.compared[..., 0], about_angle)
     else:
@@ -116,8 +124,7 @@ def recorded(exp: Experiment, unit_of: Callable[[str], str] = lambda _name: "Pa"
         variables["base_time"] = ("base_time", exp.base.time, {"units": "s"})
     about = {"name": exp.name, "excitation": exp.excitation, "level": exp.level, "x_sign": exp.x_sign,
              "poses": int(exp.poses)}
-    axes = ["angle"] if exp.without_positions else list("xyz"[: exp.dimension])
-    coordinates = {"time": ("time", exp.time, {"units": "s"}), "station": list(exp.stations), "axis": axes}
+    coordinates = {"time": ("time", exp.time, {"units": "s"}), "station": list(exp.stations), "axis": list(exp.axes)}
     return xr.Dataset(variables, coordinates, about)
 
 
@@ -179,11 +186,12 @@ def plain(result: Any, but: set[str]) -> str:
 
 def forecast_dataset(forecast: Forecast) -> xr.Dataset:
     """Return the predicted motion of the tip and the half-width of its band, for a forecast, as a data set."""
-    units = {"units": "rad" if forecast.tip.shape[1] == 1 else "m"}
+    units = {"units": "m" if forecast.shown_in[0] == "mm" else "rad"}
     variables: dict[str, Any] = {"tip": (("time", "axis"), forecast.tip, units)}
     if forecast.half_width is not None:
         variables["half_width"] = (("time", "axis"), forecast.half_width, units)
-    return xr.Dataset(variables, {"time": ("time", forecast.time, {"units": "s"})}, {"name": forecast.name})
+    about = {"name": forecast.name, **({"rows": json.dumps(forecast.rows)} if forecast.rows else {})}
+    return xr.Dataset(variables, {"time": ("time", forecast.time, {"units": "s"})}, about)
 
 
 def load_outcome(folder: str | Path) -> StudyOutcome:
@@ -315,7 +323,10 @@ def experiment_of(recording: xr.Dataset) -> Experiment:
     if "angle" in arrays:
         reference = recording["angle"].attrs["reference"]
         angles = {"angle": arrays["angle"], "angle_reference": reference, "angles_alone": True}
-    position = arrays.get("position", np.full((recording.sizes["time"], len(stations), 2), np.nan))
+    further = {n: FurtherRows(arrays[n], arrays[n + CONSTANTS], reference=recording[n].attrs["reference"])
+               for n in FURTHER if n in arrays}  # fmt: skip
+    size = next((rows.columns.shape[2] for rows in further.values()), 2)
+    position = arrays.get("position", np.full((recording.sizes["time"], len(stations), size), np.nan))
     base = None
     if "base_time" in arrays:
         flat = "base_angle" in arrays
@@ -325,7 +336,7 @@ def experiment_of(recording: xr.Dataset) -> Experiment:
     return Experiment(
         str(recording.attrs["name"]), arrays["time"], position, stations, recording.attrs["excitation"], trace,
         float(recording.attrs["level"]), drives=drives, x_sign=int(recording.attrs["x_sign"]), base=base,
-        poses=bool(recording.attrs["poses"]), **angles,
+        poses=bool(recording.attrs["poses"]), further=further, **angles,
     )
 
 
@@ -427,4 +438,5 @@ def forecast_of(name: str, entry: dict[str, Any], recording: xr.Dataset) -> Fore
         name, entry["title"], entry["stated"], recording["time"].values, recording["tip"].values,
         {k: v for k, v in entry.items() if k not in apart}, entry["half_width_95"],
         recording["half_width"].values if "half_width" in recording else None, tuple(entry.get("extrapolates", ())),
+        tuple(json.loads(recording.attrs.get("rows", "[]"))),
     )

@@ -173,7 +173,7 @@ def torque_of(fits: Sequence[FitOutcome], pack: Pack) -> dict[str, Any]:
 
 def forecast_of(forecast: Forecast, pack: Pack) -> dict[str, Any]:
     """Return the predicted motion of the tip in a forecast, with its band [mm, or degrees for angles alone]."""
-    half, factor = forecast.half_width, float(np.degrees(1.0)) if forecast.tip.shape[1] == 1 else 1e3
+    half, factor = forecast.half_width, forecast.shown_in[1]
     edges = None if half is None else [pack.add(factor * (forecast.tip + s * half)) for s in (-1, 1)]
     return {"time": clock(forecast.time, pack), "tip": pack.add(factor * forecast.tip), "band": edges}
 

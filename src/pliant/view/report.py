@@ -114,7 +114,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
     turns = outcome.turns
     meaning = definitions(turns=turns)
     return {
-        "axes": outcome.axes, "in_space": len(outcome.axes) == 3, "unit": "°" if turns else "mm",
+        "axes": outcome.axes, "in_space": len(outcome.axes) == 3 and not turns, "unit": "°" if turns else "mm",
         "no_places": NO_PLACES if turns else "",
         "worst_record": worst_record(outcome), "outcome": outcome, "headline": headline, "sign": sign, "word": word,
         "records": {

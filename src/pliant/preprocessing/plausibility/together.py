@@ -10,6 +10,7 @@ import xarray as xr
 
 from pliant.numerics.ringdown import peak
 from pliant.preprocessing import detectors
+from pliant.recording.rules import shape_values
 
 COPIED, FEWEST = 0.5, 10  # of the frames of the shorter one, and at least this many: frames at rest may repeat
 PLATEAU, LEAST_S = 0.9, 0.15  # of the highest pressure; s that it must last for the body to follow
@@ -43,7 +44,7 @@ def alike(recordings: Mapping[str, xr.Dataset]) -> Iterator[tuple[str, str, int]
     """Yield the names of each pair of recordings that share most frames of the shorter one, and how many they share.
     The shorter one, or the later of two equal ones, is named first.
     """
-    shapes = {n: r["position" if "position" in r else "angle"].values for n, r in recordings.items()}
+    shapes = {n: shape_values(r) for n, r in recordings.items()}
     seen = {n: {row.tobytes() for row in s.reshape(len(s), -1) if np.isfinite(row).any()} for n, s in shapes.items()}
     for first, second in combinations(recordings, 2):
         one, other = (first, second) if len(seen[first]) < len(seen[second]) else (second, first)

@@ -191,7 +191,7 @@
       head.textContent = r.stations[s];
       const [seen, says] = [points(r.measured, frame)[s], points(r.modelled, frame)[s]];
       row.append(head, ...axes.flatMap((_, c) => [cell(mm(seen[c])), cell(mm(says[c]))]),
-        cell(mm(data.turns ? says[0] - seen[0] : Math.hypot(...says.map((v, c) => v - seen[c])))));
+        cell(mm(width === 1 ? says[0] - seen[0] : Math.hypot(...says.map((v, c) => v - seen[c])))));
       return row;
     }));
   }
