@@ -167,7 +167,7 @@ class ColumnMapping(FileMapping):
     time: Column | tuple[Column, Column] | None = None
     input_time: Column | None = None
     na: list[str | float] = Field(default=[])
-    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h"] = "s"
     rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     length_unit: str = ""
     camera: Camera | None = None

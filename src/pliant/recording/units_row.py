@@ -6,15 +6,13 @@ import re
 from typing import TYPE_CHECKING
 
 from pliant.errors import InputError, shown
-from pliant.recording.column_names import ALIASES, WORDS
+from pliant.recording.column_names import WORDS
 from pliant.recording.tables import holds_number, joined, split_cells
-from pliant.units import METRE, NEWTON, PASCAL, RADIAN, SECOND
+from pliant.units import METRE, NEWTON, PASCAL, RADIAN, SECOND, standard_unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-SPELLED = {**ALIASES, "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms", "usec": "us",
-           "microseconds": "us", "µs": "us", "μs": "us", "µm": "um", "μm": "um"}  # fmt: skip
 NAMED = {*METRE, *PASCAL, *RADIAN, *NEWTON, *SECOND, "ns", "px"}  # join the names of the columns
 UNITS = NAMED | {"", "-", "g", "kg", "v", "mv", "a", "ma", "hz", "%", "counts", "m/s", "m/s2", "m/s^2", "rad/s",
                  "deg/s", "°/s", "dps", "rpm", "mm/s", "nm", "n m", "n*m", "°c", "degc", "deg c", "celsius", "c", "k",
@@ -47,7 +45,7 @@ def without_brackets(cell: str) -> str:
     """Return the unit in a cell such as "[mm]" or "mm", in the spelling that names of columns use."""
     match = BRACKETS.fullmatch(cell)
     unit = "".join(group or "" for group in match.groups()) if match else cell
-    return SPELLED.get(unit.lower(), unit)
+    return unit if unit.lower() in NAMED or standard_unit(unit) not in NAMED else standard_unit(unit)
 
 
 def _united(name: str, unit: str, file: str) -> str:
@@ -56,7 +54,7 @@ def _united(name: str, unit: str, file: str) -> str:
         return name
     match = STATED.fullmatch(name)
     ending = ((match["bracketed"] or match["ending"]) if match else "").lower()
-    stated = SPELLED.get(ending, ending)
+    stated = standard_unit(ending)
     if match is None or stated not in NAMED or (match["ending"] and ending in WORDS):
         return f"{name} [{unit}]"
     if stated == unit.lower():

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
-from pliant.recording.column_names import COUNTERS, is_time, parted, parted_clock, words_of
+from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, parted_clock, unit_of, words_of
 from pliant.recording.registry import describes_columns
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import (
@@ -129,7 +129,22 @@ def guessed_table(path: Path, stated: Mapping[str, Any] | None = None) -> TableG
         guess = None if table is None else (named if table.names else unnamed)(table, stated)
     except InputError:
         return None
+    if guess is not None and table is not None and not {"camera", "length_unit"} & set(stated):
+        refuse_units(table.names, guess.mapping, path.name)
     return None if guess is None else guess.beside(stated)
+
+
+def refuse_units(names: Sequence[str], mapping: Mapping[str, Any], file: str) -> None:
+    """Raise InputError if the names of the columns of positions state several units, or a unit that is unknown."""
+    columns = [c for station in mapping.get("stations", {}).values() for c in station["position"] if c in names]
+    stated = {name: bracketed_unit(name) or unit_of(name, METRE) for name in columns}
+    unknown = next((name for name, unit in stated.items() if unit not in ("", "-", *METRE, PIXEL)), None)
+    if unknown is not None:
+        raise InputError(f"the column {shown(unknown)} of {file} states no known unit of length, which are "
+                         f"{', '.join(METRE)}: state length_unit in the mapping")
+    if len(units := {unit for unit in stated.values() if unit}) > 1:
+        raise InputError(f"{file} states several units of length in its column names ({', '.join(sorted(units))}): "
+                         "convert the columns to one unit")
 
 
 def stated_columns(table: PlainTable, stated: Mapping[str, Any]) -> set[int]:
@@ -157,9 +172,11 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
               for name, at in stations.items()}  # fmt: skip
     used = {k for at in stations.values() for columns in at.values() for k in columns} | stated_columns(table, stated)
     used |= {k for columns in sensors.values() for k in columns}
-    clocks = [k for k, name in enumerate(table.names) if k not in used and is_time(name)]
+    clocks = [k for k, name in enumerate(table.names) if k not in used and (is_time(name) or k in table.of_day)]
     clocks.sort(key=lambda k: parted(table.names[k])[0] not in CLOCKS)
     clock = next((k for k in clocks if runs(table.values[:, k])), None)
+    if clock is None:  # read as stated, it is refused by the rows in which it goes back
+        clock = next((k for k in clocks if parted(table.names[k])[0] in CLOCKS and table.changes(k)), None)
     parts = parted_clock(table.names) if clock is None else None
     used |= {parts.seconds, parts.fraction} if parts else set()
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
@@ -241,8 +258,8 @@ def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[
     """Return the unit of the positions, by the names of their columns or else by their range, and a sentence on it."""
     columns = [k for at in stations.values() for k in at["position"]]
     if table.names:
-        units = {words_of(table.names[k])[-1] for k in columns}
-        if len(units) == 1 and (unit := units.pop()) in {*METRE, PIXEL} and len(words_of(table.names[columns[0]])) > 1:
+        units = {unit_of(table.names[k], (*METRE, PIXEL)) for k in columns}
+        if len(units) == 1 and (unit := units.pop()):
             return unit, ""
     axes = zip_longest(*(at["position"] for at in stations.values()))
     widest = max(extent(table.values[:, [k for k in axis if k is not None]]) for axis in axes)
@@ -266,8 +283,8 @@ def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
     if TURNED & set(words):
         return "", ""
     for kind, units in UNITS.items():
-        if len(words) > 1 and words[-1] in units and (words[-1] != "m" or kind == "displacement"):
-            return kind, words[-1]
+        if len(words) > 1 and (unit := unit_of(table.names[k], units)) and (unit != "m" or kind == "displacement"):
+            return kind, unit
         if len(words) <= 2 and words[0] in units and kind == "pressure":
             return kind, words[0]
     for kind, known in WORDS.items():

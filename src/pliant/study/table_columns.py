@@ -34,11 +34,14 @@ SENSED = re.compile(r"(?:(?P<owner>.+?)_)?(?:imu_)?(?P<kind>q|quat|quaternion|or
 
 @dataclass(frozen=True)
 class PlainTable:
-    """Numbers (T, C) of a text table, the names of its columns ([] without a header) and its delimiter."""
+    """Numbers (T, C) of a text table, the names of its columns ([] without a header), its delimiter, and the columns
+    that hold times of day.
+    """
 
     names: list[str]
     values: Array
     delimiter: str
+    of_day: frozenset[int] = frozenset()
 
     def changes(self, k: int) -> bool:
         """Return whether column k changes."""
@@ -64,12 +67,13 @@ def plain_table(path: Path) -> PlainTable | None:
         first.pop()
     names = first if not any(holds_number(cell) for cell in first if cell) else []
     rows, _ = without_trailing(lines[1:] if names else lines, delimiter, len(first), path.name)
-    for k, cell in enumerate(split_cells(next(row for row in rows if row), delimiter)):
-        if is_time_of_day(cell):
-            rows, _ = with_seconds(rows, delimiter, k, path.name)
+    of_day = {k for k, cell in enumerate(split_cells(next(row for row in rows if row), delimiter))
+              if is_time_of_day(cell)}  # fmt: skip
+    for k in of_day:
+        rows, _ = with_seconds(rows, delimiter, k, path.name)
     rows = without_text(rows, delimiter, (), len(first)) if names else rows
     values = parse_numbers(rows, name=path.name, first_line=1, delimiter=delimiter, columns=len(first))
-    return PlainTable(names, values, delimiter or "space")
+    return PlainTable(names, values, delimiter or "space", frozenset(of_day))
 
 
 def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
