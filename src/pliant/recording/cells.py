@@ -25,6 +25,8 @@ TIME_OF_DAY = re.compile(
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 ORDERS = ("year-month-day", "day-month-year", "month-day-year")
 DAY = 86400.0  # s
+STATES = {"true": "1", "false": "0", "on": "1", "off": "0", "open": "1", "opened": "1", "closed": "0", "close": "0",
+          "high": "1", "low": "0", "yes": "1", "no": "0"}  # fmt: skip
 LATE = 0.5  # of a day: a time of day that falls by more has passed midnight
 
 
@@ -84,6 +86,23 @@ def without_marks(
     changed = rewritten(rows, delimiter, columns, change)
     listed = ", ".join(clipped(str(mark), 20) for mark in marks)
     return changed, [f"{count} cell(s) of {name} hold {listed} and are gaps"]
+
+
+def with_states(
+    rows: Sequence[str], delimiter: str | None, columns: Collection[int], name: str = "",
+) -> tuple[list[str], list[str]]:
+    """Return the rows of a table with 1 and 0 for the states in those of the `columns` that hold states alone, such as
+    true and false, or open and closed, and a sentence for the history that counts these columns.
+    """
+    first = split_cells(next((row for row in rows if row.strip()), ""), delimiter)
+    likely = [k for k in columns if k < len(first) and first[k].lower() in STATES]
+    texts = cells_of(rows, delimiter, likely)
+    switched = [k for k in likely if {word.lower() for word in texts[k]} <= {*STATES, ""}]
+    if not switched:
+        return list(rows), []
+    changed = rewritten(rows, delimiter, switched, lambda cell: STATES.get(cell.lower(), cell))
+    return changed, [f"{len(switched)} column(s) of {name} hold states such as {clipped(first[switched[0]], 20)}, which "
+                     "are read as 1 and 0"]  # fmt: skip
 
 
 def is_time_of_day(cell: str) -> bool:

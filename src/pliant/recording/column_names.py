@@ -13,7 +13,7 @@ import numpy as np
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
 from pliant.recording.tables import holds_number
-from pliant.units import METRE, PASCAL, PIXEL, RADIAN, absolute_unit, standard_unit
+from pliant.units import METRE, PASCAL, PIXEL, RADIAN, standard_unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,6 +49,7 @@ OTHERS = re.compile(r"forces?|acc\w*|gyr\w*|mag(?!nets?$)\w*|vel\w*|speed|twist|
 ELSEWHERE = r"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|atm\w*|ambient|barom\w*"  # not in the body
 PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
+ABSOLUTE = re.compile(r"(?:^|[\W_])abs(?:olute)?(?:[\W_]|$)", re.IGNORECASE)  # a pressure that is no gauge pressure
 LENGTHS = {*METRE, PIXEL}
 WORDS = {"in"}  # units that are words as well: a name states them in brackets alone
 
@@ -86,7 +87,10 @@ def standard_names(names: list[str], file: str) -> Renamed:
     standard = {name: coordinate[0] for name, coordinate in positions.items()}
     standard |= _orientations(names, {new.partition("_")[2] for new in standard.values()})
     clocks = _clocks(names)
-    standard |= {n: other for n in names if n not in standard and (other := clocks.get(n) or _pressure(n))}
+    standard |= {n: other for n in names if n not in standard and (other := clocks.get(n))}
+    pressures = {n: other for n in names if n not in standard and (other := _pressure(n))}
+    inside = {n: other for n, other in pressures.items() if not NOT_INSIDE.fullmatch(n)}
+    standard |= inside or pressures
     standard |= _channels([name for name in names if name not in standard], [*standard.values()])
     owners = Counter([*names, *(new for old, new in standard.items() if old != new)])
     changed = {old: new for old, new in standard.items() if old != new and owners[new] == 1}
@@ -181,7 +185,7 @@ def _clocks(names: Iterable[str]) -> dict[str, str]:
 def _pressure(name: str) -> str | None:
     bare, unit = _without_unit(name, PASCAL)
     match = PRESSURE.fullmatch(bare)
-    if not match or not unit:
+    if not match or not unit or ABSOLUTE.search(bare):
         return None
     chamber = match[1] or match[2]
     return f"p_{unit}_{chamber}" if chamber else f"p_{unit}"
@@ -193,7 +197,7 @@ def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
     A single such column becomes the only pressure, without a chamber name. Set points, supplies and atmospheric
     pressures are skipped.
     """
-    inside = [name for name in names if not NOT_INSIDE.fullmatch(name)]
+    inside = [name for name in names if not NOT_INSIDE.fullmatch(name) and not ABSOLUTE.search(name)]
     channels = {name: parts for name in inside if (parts := _without_unit(name, PASCAL))[1]}
     if len(channels) == 1 and not any(name.startswith("p_") for name in known):
         return {name: f"p_{unit}" for name, (_, unit) in channels.items()}

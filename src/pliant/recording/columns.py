@@ -19,7 +19,7 @@ import numpy as np
 
 from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
-from pliant.recording.cells import cells_of, ends_alike, is_one_of, with_seconds, without_marks, without_trailing
+from pliant.recording.cells import cells_of, ends_alike, is_one_of, with_seconds, with_states, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_arrays import (
     Column,
@@ -153,6 +153,9 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
         rows, clock = with_seconds(rows, delimiter, column, name)
         findings += clock
         header.in_seconds |= {column} if clock else set()
+    inputs = {header.index(column) for column in _inputs(options)}
+    rows, states = with_states(rows, delimiter, inputs, name)
+    findings += states
     rows = without_text(rows, delimiter, used - worded, header.width, header=named, words=worded)
     table = parse_numbers(rows, name=name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
     return header, table, texts, [*above, *united, *findings, *cut]
@@ -196,6 +199,12 @@ def _clocks(options: ColumnMapping) -> tuple[Column, ...]:
     return options.time if isinstance(options.time, tuple) else (options.time,)
 
 
+def _inputs(options: ColumnMapping) -> list[Column]:
+    """Return the columns of the pressures and of the other inputs."""
+    pressures = options.pressure.columns if options.pressure else []
+    return [*pressures, *(column for group in options.inputs for column in group.columns)]
+
+
 def _worded(header: ColumnHeader, options: ColumnMapping) -> set[int]:
     """Return the indices of the columns whose texts the mapping uses: the status of stations, and a text to select."""
     columns = [station.status for station in (options.stations or {}).values() if station.status is not None]
@@ -230,8 +239,7 @@ def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
     """Return the indices of the columns that the mapping uses."""
     wanted: list[Column | None] = [*_clocks(options), options.input_time]
     wanted += [options.select.column] if options.select else []
-    wanted += options.pressure.columns if options.pressure else []
-    wanted += [column for group in options.inputs for column in group.columns]
+    wanted += _inputs(options)
     for columns in (options.angles or {}).values():
         wanted += columns if isinstance(columns, list) else [columns]
     for station in _layout(options, header).values():
@@ -353,9 +361,7 @@ def without_idle(table: NDArray, clock: int, columns: Collection[int], file: str
 
 def _timed_by(header: ColumnHeader, options: ColumnMapping, *, whole: bool) -> set[int]:
     """Return the indices of the columns whose times are those of the shape (`whole`) or else of the inputs."""
-    inputs = [*(options.pressure.columns if options.pressure else []),
-              *(column for group in options.inputs for column in group.columns)]  # fmt: skip
-    clocked = {header.index(column) for column in inputs}
+    clocked = {header.index(column) for column in _inputs(options)}
     if options.input_time is None:
         return _numeric(header, options)
     shape = _numeric(header, options) - clocked - {header.index(options.input_time)}

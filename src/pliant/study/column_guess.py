@@ -7,7 +7,7 @@ question "?" in the proposal. Entries of the user's own mapping take precedence.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -19,6 +19,7 @@ from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
 from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, parted_clock, unit_of, words_of
 from pliant.recording.registry import describes_columns
+from pliant.study.input_guess import input_entries, pressure_question
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import (
     PlainTable,
@@ -32,18 +33,8 @@ from pliant.units import METRE, NEWTON, PASCAL, PIXEL, RADIAN
 Array = np.ndarray
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
 NUMBERED = re.compile(r"p\d+|base|tip")
-COMMANDED = {"desired", "des", "command", "commanded", "cmd", "set", "setpoint", "target", "ref", "reference", "goal"}
-TURNED = {"roll", "pitch", "yaw", "euler", "rx", "ry", "rz", "rot", "heading"}
 CLOCKS = ("t", "time")  # names of times that come before others, such as clock
 TRIAL = {"id", "trial", "run", "rep", "repetition", "experiment", "session", "sample"}
-UNITS = {"pressure": PASCAL, "displacement": METRE, "angle": RADIAN, "tension": NEWTON}  # the most frequent first
-WORDS = {
-    "pressure": {"pressure", "press", "chamber", "pouch", "valve", "air"},
-    "tension": {"tension", "force", "load"},
-    "steps": {"step", "steps", "stepper", "count", "counts", "tick", "ticks"},
-    "displacement": {"tendon", "cable", "wire", "stroke", "displacement", "pull", "elongation"},
-    "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo"},
-}  # fmt: skip
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
 MILLISECONDS, ROUGH = 5, 0.8  # least whole step of such times; change of successive steps of a motion, at most
 SLOW = 10  # least constant whole step of times that may be seconds as well, as in the log of a creep
@@ -275,54 +266,6 @@ def extent(coordinate: Array) -> float:
     return float(np.ptp(np.percentile(known, [1, 99]))) if known.size else 0.0
 
 
-def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
-    """Return the kind and the unit ("" if unknown) of the input in column k, by unit, words and integer steps of its
-    name and values; ("", "") if nothing shows that it is an input.
-    """
-    words = words_of(table.names[k])
-    if TURNED & set(words):
-        return "", ""
-    for kind, units in UNITS.items():
-        if len(words) > 1 and (unit := unit_of(table.names[k], units)) and (unit != "m" or kind == "displacement"):
-            return kind, unit
-        if len(words) <= 2 and words[0] in units and kind == "pressure":
-            return kind, words[0]
-    for kind, known in WORDS.items():
-        if known & set(words) and (kind != "steps" or table.whole(k)):
-            return ("steps" if table.whole(k) and kind in ("angle", "displacement") else kind), ""
-    return "", ""
-
-
-def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, Any], list[int], list[str]]:
-    """Return the mapping entries of the inputs in the columns, the columns that are none, and sentences. Of an input
-    that was measured, the command is left out.
-    """
-    kinds: dict[tuple[str, str], list[int]] = {}
-    left = []
-    for k in columns:
-        known = kind_of(table, k)
-        kinds.setdefault(known, []).append(k) if known[0] else left.append(k)
-    notes = []
-    for key, members in kinds.items():
-        commands = [k for k in members if COMMANDED & set(words_of(table.names[k]))]
-        if commands and len(commands) < len(members):
-            kinds[key] = [k for k in members if k not in commands]
-            notes.append(f"commands beside measured inputs are not used: {', '.join(table.names[k] for k in commands)}")
-    mapping: dict[str, Any] = {}
-    for (kind, unit), members in kinds.items():
-        names = [table.names[k] for k in members]
-        if kind == "pressure":
-            mapping["pressure"] = {"columns": names, "unit": unit or OPEN}
-            continue
-        entry = {"columns": names, "kind": "displacement" if kind == "steps" else kind,
-                 "unit": "mm" if kind == "steps" else unit or {"angle": "deg", "displacement": "mm"}.get(kind, "N")}
-        mapping.setdefault("inputs", []).append(entry)
-        if kind == "steps":
-            mapping["linear"] = {"actuation": {"scale": OPEN}} if len(kinds) == 1 else {
-                name: {"scale": OPEN} for name in names}  # fmt: skip
-    return mapping, left, notes
-
-
 def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     """Return the proposal for a table of numbers alone, beside what the user states: a clock, positions (with
     quaternions) side by side, and steps of motors, which are whole numbers.
@@ -428,17 +371,15 @@ def asked(
         questions["time_unit"] = "unit of the times, whole numbers in equal steps without a unit: s, ms, us or ns"
     if mapping.get("camera"):
         neutral["camera"] = {"pixels_per_mm": 1.0}
-    if (pressure := mapping.get("pressure")) and pressure["unit"] == OPEN:
-        if pressure["columns"] == OPEN:
-            del neutral["pressure"]
-            questions["pressure"] = (
-                f"columns (from 0) of the measured pressures, as [4, 5], and their unit; "
-                f"{', '.join(map(str, changing))} change; of tendons: inputs = {{ columns = [4, 5], "
-                'kind = "displacement", unit = "mm" }')
-        else:
-            high = float(np.nanmax(table.values[:, [table.names.index(c) for c in pressure["columns"]]]))
-            neutral["pressure"] = {**pressure, "unit": likely_unit(high)}
-            questions["pressure"] = f"unit (gauge): kPa, mbar, bar, psi or Pa; the highest value is {high:.4g}"
+    if (pressure := mapping.get("pressure")) and pressure["columns"] == OPEN:
+        del neutral["pressure"]
+        questions["pressure"] = (
+            f"columns (from 0) of the measured pressures, as [4, 5], and their unit; "
+            f"{', '.join(map(str, changing))} change; of tendons: inputs = {{ columns = [4, 5], "
+            'kind = "displacement", unit = "mm" }')
+    elif pressure:
+        neutral["pressure"], question = pressure_question(table, pressure)
+        questions |= {"pressure": question} if question else {}
     if "linear" in mapping:
         counted = [c for one in mapping["inputs"] for c in one["columns"]
                    if "actuation" in mapping["linear"] or c in mapping["linear"]]  # fmt: skip
@@ -448,7 +389,3 @@ def asked(
         questions["linear"] = "mm of tendon for each step of the motor"
     return TableGuess(mapping, neutral, questions, tuple(n for n in notes if n), trials)
 
-
-def likely_unit(high: float) -> str:
-    """Return the unit with which a highest pressure moves a soft body: 5 to 500 kPa."""
-    return next((u for u in ("kPa", "psi", "mbar", "bar", "Pa") if 5e3 <= high * PASCAL[u.lower()] <= 5e5), "kPa")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.cells import ends_alike, is_time_of_day, with_seconds, without_trailing
+from pliant.recording.cells import ends_alike, is_time_of_day, with_seconds, with_states, without_trailing
 from pliant.recording.column_names import base_to_tip, is_no_place, standard_names, stations_of, words_of
 from pliant.recording.tables import (
     DELIMITERS,
@@ -71,6 +71,7 @@ def plain_table(path: Path) -> PlainTable | None:
               if is_time_of_day(cell)}  # fmt: skip
     for k in of_day:
         rows, _ = with_seconds(rows, delimiter, k, path.name)
+    rows = with_states(rows, delimiter, range(len(first)))[0]
     rows = without_text(rows, delimiter, (), len(first)) if names else rows
     values = parse_numbers(rows, name=path.name, first_line=1, delimiter=delimiter, columns=len(first))
     return PlainTable(names, values, delimiter or "space", frozenset(of_day))
