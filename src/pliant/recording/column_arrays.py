@@ -174,7 +174,7 @@ class ColumnMapping(FileMapping):
     stations: dict[str, StationColumns] | None = None
     points: Points | None = None
     angles: dict[str, Column | list[Column]] | None = None
-    angle_unit: Literal["deg", "rad"] | None = None
+    angle_unit: Literal["deg", "rad", "rev"] | None = None
     arc_length: list[float] | None = None
     pressure: PressureColumns | None = None
     inputs: list[InputColumns] = Field(default=[])
