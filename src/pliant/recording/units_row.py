@@ -19,6 +19,7 @@ UNITS = NAMED | {"", "-", "g", "kg", "v", "mv", "a", "ma", "hz", "%", "counts", 
                  "ut", "gauss", "l/min", "ohm", "none", "n/a"}  # fmt: skip
 KINDS = (METRE, PASCAL, RADIAN, NEWTON, {*SECOND, "ns"})
 BRACKETS = re.compile(r"\[\s*([^\[\]]*?)\s*\]|\(\s*([^()]*?)\s*\)|<\s*([^<>]*?)\s*>")
+MEASURED = re.compile(r"[+-]?\d[\d.,]*(?:[eE][+-]?\d+)?\s*([^\d\s.,+-][^\d]*)")
 STATED = re.compile(r"(?P<name>.+?)(?:[\s_]*[\[(]\s*(?P<bracketed>[^\[\]()]+?)\s*[\])]|[_ ](?P<ending>[^\W\d_]+|°))")
 
 
@@ -30,15 +31,26 @@ def with_units(lines: Sequence[str], first: int, delimiter: str | None, file: st
     if below == len(lines):
         return list(lines), []
     names, cells = (split_cells(lines[k], delimiter) for k in (first, below))
+    if not is_units_row(names, cells):
+        return list(lines), []
     cells = [without_brackets(cell) for cell in cells]
-    if len(cells) != len(names) or any(holds_number(cell) for cell in [*names, *cells] if cell):
-        return list(lines), []
-    known = [cell.lower() in UNITS for cell in cells if cell]
-    if len(known) < 2 or not all(known):
-        return list(lines), []
     united = [_united(name, cell, file) for name, cell in zip(names, cells, strict=True)]
     rows = [*lines[:first], joined(united, delimiter), *lines[first + 1 : below], "", *lines[below + 1 :]]
     return rows, [f"line {below + 1} of {file} holds units: they are read as those of its columns"]
+
+
+def is_units_row(names: Sequence[str], cells: Sequence[str]) -> bool:
+    """Return whether the cells below the names of columns are units alone, and at least two."""
+    if len(cells) != len(names) or any(holds_number(cell) for cell in [*names, *cells] if cell):
+        return False
+    known = [without_brackets(cell).lower() in UNITS for cell in cells if cell]
+    return len(known) > 1 and all(known)
+
+
+def unit_of_cell(cell: str) -> str:
+    """Return the unit behind the number in a cell such as "12.5 mm", as it is written; "" where there is none."""
+    match = MEASURED.fullmatch(cell)
+    return match[1] if match and standard_unit(match[1]) in NAMED else ""
 
 
 def without_brackets(cell: str) -> str:

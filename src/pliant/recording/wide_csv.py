@@ -39,6 +39,7 @@ from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
 from pliant.recording.stated import WARNING, Reading, Stated
 from pliant.recording.tables import (
+    WIDE,
     find_delimiter,
     holds_number,
     preamble_of,
@@ -48,6 +49,7 @@ from pliant.recording.tables import (
     split_cells,
     whole_number,
 )
+from pliant.recording.tidy import table_lines
 from pliant.recording.units_row import with_units
 from pliant.units import PASCAL, metre_per, pascal_per
 
@@ -104,7 +106,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
     """
     if COLUMNS_ALONE & set(mapping or {}):
         return Reading(read_columns(path, mapping))
-    lines = read_text(path).split("\n")
+    lines, tidied = table_lines(path)
     metadata, start = _metadata(path, lines)
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
     metadata = TableMetadata.load(metadata, path.name, "metadata of").model_dump(exclude_unset=True)
@@ -117,7 +119,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
         renamed = [*renamed, *more]
     if fraction := None if set(CLOCKS) & set(names) else parted_clock(names):
         names[fraction.seconds] = "t"
-    _check_names(names, path.name)
+    _check_names(names, cells, path.name)
     refuse_pixels(unit, path.name)
     if unit and metadata.setdefault("length_unit", unit) != unit:
         raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "
@@ -130,7 +132,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
         table = np.delete(table, fraction.fraction, axis=1)
     above = sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in lines[:start])
     findings += [f"{above} line(s) above the table of {path.name} were skipped"] if above else []
-    findings += united + renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
+    findings += tidied + united + renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
     rows = metadata.get("rows")
     if isinstance(rows, tuple):
         table, row_notes = kept_rows(table, rows, path.name)
@@ -232,12 +234,14 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
     return metadata, start
 
 
-def _check_names(names: list[str], file: str) -> None:
+def _check_names(names: list[str], cells: list[str], file: str) -> None:
     if names and all(map(holds_number, names)):
         raise InputError(f"the first row of {file} holds numbers and no names: give a mapping that names its columns "
                          f"by index, 0 to {len(names) - 1}")
     if repeated := repeated_names(names):
-        raise InputError(f"{file} has repeated column names: {shorten(repeated, 5)}: rename them")
+        written = [cell for cell, name in zip(cells, names, strict=False) if name in repeated]
+        raise InputError(f"{file} has repeated column names: {shorten(repeated_names(written) or written, 5)}: rename "
+                         "them, or give a mapping that names the columns by index")
     clocks = [n for n in names if n in CLOCKS]
     if len(clocks) != 1:
         listing = shorten(names, 8)
@@ -409,7 +413,8 @@ def as_json(name: str, value: Any) -> str | int | float:
 
 
 def _recognises(head: bytes) -> bool:
-    return not (head.startswith((b"Format Version", b"\xef\xbb\xbfFormat Version")) or b"\0" in head[:512])
+    zeros = b"\0" in head[:512] and not head.startswith(tuple(WIDE))
+    return not (head.startswith((b"Format Version", b"\xef\xbb\xbfFormat Version")) or zeros)
 
 
 def read_text_table(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading | xr.Dataset:

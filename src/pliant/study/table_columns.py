@@ -17,10 +17,10 @@ from pliant.recording.tables import (
     holds_number,
     parse_numbers,
     preamble_of,
-    read_text,
     split_cells,
     without_text,
 )
+from pliant.recording.tidy import table_lines
 from pliant.recording.units_row import with_units
 from pliant.units import METRE
 
@@ -56,7 +56,7 @@ class PlainTable:
 
 def plain_table(path: Path) -> PlainTable | None:
     """Return the numbers of a text table whose first row may name its columns; None if it has fewer than 3 rows."""
-    lines = [line for line in read_text(path).split("\n") if line.strip() and not line.startswith("#")]
+    lines = [line for line in table_lines(path).lines if line.strip() and not line.startswith("#")]
     lines = lines[preamble_of(lines) :]
     if len(lines) < 3:
         return None
