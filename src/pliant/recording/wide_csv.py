@@ -40,7 +40,9 @@ from pliant.recording.schema import COMPONENTS, check_recording, make_recording
 from pliant.recording.stated import WARNING, Reading, Stated
 from pliant.recording.tables import (
     WIDE,
+    delimiter_of,
     find_delimiter,
+    first_row,
     holds_number,
     preamble_of,
     read_rows,
@@ -255,6 +257,10 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     clock = next(n for n in CLOCKS if n in columns)
     labels = _station_labels(columns)
     history = list(findings)
+    if empty := [n for n, values in columns.items() if pressure_unit(n) and np.isnan(values).all()]:
+        columns = {n: values for n, values in columns.items() if n not in empty}
+        history.append(f"{len(empty)} column(s) of pressure of {file} hold no number and were left out: "
+                       f"{shorten(empty)}")
     pressure, chamber = pressures_of(columns)
     ignored = [n for n in columns if not is_known(n)]
     if ignored:
@@ -420,8 +426,9 @@ def _recognises(head: bytes) -> bool:
 def read_text_table(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading | xr.Dataset:
     """Read a text table by a mapping of its columns or, without one, as a wide CSV if its first row names the time."""
     if not mapping:
-        names = first_cells(path, {})
-        if any(name in CLOCKS for name in standard_names(names, path.name).names):
+        names, lines = first_cells(path, {}), table_lines(path).lines
+        separated = delimiter_of(lines[first_row(lines, preamble_of(lines))], None) is not None
+        if separated and any(name in CLOCKS for name in standard_names(names, path.name).names):
             return read_wide_csv(path)
     return read_columns(path, mapping)
 
