@@ -38,7 +38,8 @@ PARTS = {  # names of seconds, and of their fraction with its unit
 TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orientation|o)[_ .]?([xyzw])",
                   re.IGNORECASE)  # fmt: skip
 BODY = "body"  # name of a single tracked body, where the names of its columns hold none
-BRACKETED = re.compile(r"(.+?)[\s_]*(?:\[\s*([^\[\]]+?)\s*\]|\(\s*([^()]+?)\s*\))")  # tip_x [mm], p [bar(g)]
+BRACKETED = re.compile(  # tip_x [mm], p [bar(g)], p (bar(g))
+    r"(.+?)[\s_]*(?:\[\s*([^\[\]]+?)\s*\]|\(\s*([^()]+(?:\([^()]*\))?)\s*\))")
 ENDING = re.compile(r"(.+)[_ ]([A-Za-z\u00b5\u03bc\u00b0]+)")  # tip_x_mm
 CLOCK_FACE = re.compile(r"h*:?m+:s+(?:[.:,](?:m|s|f|0|x|u)+)?")  # hh:mm:ss.ms, how times are written
 WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
