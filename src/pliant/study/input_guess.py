@@ -25,6 +25,7 @@ WORDS = {
     "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo"},
 }  # fmt: skip
 DEFAULT_UNITS = {"angle": "deg", "displacement": "mm", "tension": "N"}
+DEGREES, TWO_TURNS = {"angle", "theta", "phi", "servo"}, 720.0  # names of angles, which may be whole degrees
 METRES = 0.5  # a smaller range of displacements without a unit is in metres
 VALVES = {*WORDS["pressure"], "p", "solenoid", "pwm", "duty", "regulator", "pump", "compressor", "inflate", "inflation"}
 ABSOLUTES = {"abs", "absolute"}
@@ -50,6 +51,8 @@ def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
             return kind, unit
         if len(words) <= 2 and words and words[0] in units and kind == "pressure":
             return kind, words[0]
+    if DEGREES & set(words) and np.nanmax(np.abs(table.values[:, k])) <= TWO_TURNS:
+        return "angle", ""
     for kind, known in WORDS.items():
         if known & set(words) and (kind != "steps" or table.whole(k)):
             return ("steps" if table.whole(k) and kind in ("angle", "displacement") else kind), ""
