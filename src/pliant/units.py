@@ -18,11 +18,13 @@ METRE = {"m": 1.0, "dm": 1e-1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254,
 PIXEL = "px"
 SECOND = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
 SPELLINGS = {  # unit: other spellings of it, in lower case
-    "s": "sec secs second seconds", "ms": "msec msecs millisecond milliseconds", "us": "usec microseconds \u00b5s \u03bcs",
+    "s": "sec secs second seconds", "ms": "msec msecs millisecond milliseconds",
+    "us": "usec microseconds \u00b5s \u03bcs",
     "ns": "nsec nanoseconds", "min": "mins minute minutes", "h": "hr hrs hour hours",
     "m": "meter meters metre metres", "cm": "centimeter centimeters centimetre centimetres",
     "mm": "millimeter millimeters millimetre millimetres", "um": "micron microns micrometers \u00b5m \u03bcm",
-    "in": "inch inches", "ft": "foot feet", "px": "pixel pixels pix", "deg": "degree degrees \u00b0", "rad": "radian radians",
+    "in": "inch inches", "ft": "foot feet", "px": "pixel pixels pix",
+    "deg": "degree degrees \u00b0", "rad": "radian radians",
     "rev": "turn turns revs revolution revolutions", "n": "newton newtons", "pa": "pascal", "kpa": "kilopascal",
     "inhg": "in.hg", "cmh2o": "cmh\u2082o", "kgf/cm2": "kgf/cm^2 kgf/cm\u00b2 kg/cm2 kg/cm^2 kg/cm\u00b2",
 }  # fmt: skip

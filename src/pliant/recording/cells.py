@@ -101,8 +101,8 @@ def with_states(
     if not switched:
         return list(rows), []
     changed = rewritten(rows, delimiter, switched, lambda cell: STATES.get(cell.lower(), cell))
-    return changed, [f"{len(switched)} column(s) of {name} hold states such as {clipped(first[switched[0]], 20)}, which "
-                     "are read as 1 and 0"]  # fmt: skip
+    example = clipped(first[switched[0]], 20)
+    return changed, [f"{len(switched)} column(s) of {name} hold states such as {example}, read as 1 and 0"]
 
 
 def is_time_of_day(cell: str) -> bool:

@@ -19,7 +19,15 @@ import numpy as np
 
 from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
-from pliant.recording.cells import cells_of, ends_alike, is_one_of, with_seconds, with_states, without_marks, without_trailing
+from pliant.recording.cells import (
+    cells_of,
+    ends_alike,
+    is_one_of,
+    with_seconds,
+    with_states,
+    without_marks,
+    without_trailing,
+)
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_arrays import (
     Column,
@@ -54,7 +62,7 @@ from pliant.recording.units_row import with_units
 from pliant.units import radian_per
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     import xarray as xr

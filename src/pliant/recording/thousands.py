@@ -39,8 +39,8 @@ def without_thousands(rows: list[str], delimiter: str | None, name: str) -> tupl
             continue
         if separates(columns_of(rows, delimiter), mark):
             changed = changed_cells(rows, delimiter, GROUPS[mark], mark, "")
-            return changed, [f"{mark!r} between thousands in {name} was left out, as in "
-                             f"{first_cell(rows, delimiter, mark)}"]  # fmt: skip
+            example = next(cell for cells in columns_of(rows, delimiter) for cell in cells if mark in cell)
+            return changed, [f"{mark!r} between thousands in {name} was left out, as in {example}"]
     if delimiter == "," and "," in inside:
         numbers = [cell for cells in columns_of(rows, delimiter) for cell in cells]
         if any("," in cell for cell in numbers) and not any("." in cell for cell in numbers):
@@ -88,8 +88,3 @@ def changed_cells(
         changed = [cell.replace(mark, other) if fits else cell for cell, fits in zip(cells, fitting, strict=True)]
         result.append(joined(changed, delimiter) if any(fitting) else row)
     return result
-
-
-def first_cell(rows: Sequence[str], delimiter: str | None, mark: str) -> str:
-    """Return the first number with a mark in the rows of a table."""
-    return next(cell for row in rows for cell in split_cells(row, delimiter) if mark in cell and NUMERIC.fullmatch(cell))

@@ -127,9 +127,9 @@ def one_delimiter(lines: list[str], first: int, mark: str | None, name: str) -> 
     cells = split_cells(lines[first], mark)
     if not is_named(cells) or len(cells) < 2 or any(count_cells(line, mark) == len(cells) for line in shown):
         return []
-    for other in (*DELIMITERS, None):
-        if all(count_cells(line, other) == len(cells) for line in shown):
-            lines[first] = as_row(cells, other)
+    for candidate in (*DELIMITERS, None):
+        if all(count_cells(line, candidate) == len(cells) for line in shown):
+            lines[first] = as_row(cells, candidate)
             return [f"the names of the columns of {name} have another delimiter than its rows"]
     return []
 
@@ -152,7 +152,7 @@ def one_row_of_names(lines: list[str], first: int, mark: str | None, name: str) 
         return numbered(lines, first, cells, mark, name)
     bodies, parts = (split_cells(lines[k], mark) for k in rows)
     bodies += [""] * (len(parts) - len(bodies))
-    spread = list(accumulate(bodies, lambda before, body: body or before))
+    spread: list[str] = list(accumulate(bodies, lambda before, body: body or before))
     names = [part if not body or part == body else f"{body}_{part}" if part else body
              for body, part in zip(spread, parts, strict=False)]  # fmt: skip
     if len(bodies) != len(parts) or repeated_names(names) or not all(names):
@@ -197,8 +197,8 @@ def without_rows_below(lines: list[str], first: int, mark: str | None, name: str
             below = [row for row in rows if row >= k]
             for row in below:
                 lines[row] = ""
-            return [f"{len(below)} row(s) below the table of {name} are left out, from line {k + 1} on, which begins "
-                    f"with {cells[0][:40]!r}"]  # fmt: skip
+            where = f"from line {k + 1} on, which begins with {cells[0][:40]!r}"
+            return [f"{len(below)} row(s) below the table of {name} are left out, {where}"]
     return []
 
 
@@ -213,9 +213,9 @@ def without_comments(lines: list[str], first: int, mark: str | None, name: str) 
     repeats = [k for k in range(first + 1, len(lines)) if named and lines[k] == lines[first]]
     for k in (*comments, *repeats):
         lines[k] = ""
+    groups = {"are comments among its rows": comments, "repeat the names of its columns": repeats}
     return [f"{len(places)} line(s) of {name} {what} and are left out, the first in line {places[0] + 1}"
-            for places, what in ((comments, "are comments among its rows"), (repeats, "repeat the names of its columns"))
-            if places]  # fmt: skip
+            for what, places in groups.items() if places]  # fmt: skip
 
 
 def with_units_of_cells(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:

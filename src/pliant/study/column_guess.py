@@ -28,7 +28,7 @@ from pliant.study.table_columns import (
     stations_by_name,
     stations_by_standard,
 )
-from pliant.units import METRE, NEWTON, PASCAL, PIXEL, RADIAN
+from pliant.units import METRE, PIXEL
 
 Array = np.ndarray
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")

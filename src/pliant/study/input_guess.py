@@ -42,9 +42,8 @@ def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
     The kind of a valve's state or duty, and of a pressure sensor's volts or counts, is `RAW`, with their unit.
     """
     name, words = table.names[k], words_of(table.names[k])
-    if TURNED & set(words):
-        return "", ""
-    if raw := pneumatic(table, k):
+    raw = ("", "") if TURNED & set(words) else pneumatic(table, k)
+    if raw is not None:
         return raw
     for kind, units in UNITS.items():
         if len(words) > 1 and (unit := unit_of(name, units)) and (unit != "m" or kind == "displacement"):
@@ -96,8 +95,8 @@ def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, 
     pressures = {unit: members for (kind, unit), members in kinds.items() if kind == "pressure"}
     signals = {key: members for key, members in kinds.items() if key[0] in (RAW, ABSOLUTE)}
     if pressures and signals:
-        idle = [table.names[k] for members in signals.values() for k in members]
-        notes.append(f"valves and sensors beside measured pressures are not used: {', '.join(idle)}")
+        unused = ", ".join(table.names[k] for members in signals.values() for k in members)
+        notes.append(f"valves and sensors beside measured pressures are not used: {unused}")
     mapping: dict[str, Any] = {}
     if pressures:
         mapping["pressure"] = pressure_entry(table, pressures)
@@ -126,8 +125,7 @@ def pressure_entry(table: PlainTable, groups: Mapping[str, Sequence[int]]) -> di
     if len(groups) == 1:
         return {"columns": columns, "unit": next(iter(groups)) or OPEN}
     if "" in groups:
-        return {"columns": [table.names[k] for unit, members in groups.items() if unit for k in members],
-                **({"unit": next(unit for unit in groups if unit)} if len(groups) == 2 else {"unit": OPEN})}  # fmt: skip
+        return pressure_entry(table, {unit: members for unit, members in groups.items() if unit})
     scale = [pascal_per(unit) for unit, members in groups.items() for _ in members]
     return {"columns": columns, "unit": "Pa", "scale": scale}
 

@@ -13,7 +13,7 @@ NAMED = re.compile(r"(?<![A-Za-z0-9.])(\d+(?:\.\d+)?)[ _-]?(N|mN|mm|cm|deg|rad)(
 NEGATIVE = re.compile(r"[-\u2212\u2013]$")
 UNCLEAR = re.compile(  # before a number: a sign or a hyphen, a decimal comma, a sign in words
     r"(?:[^\s_(\[=][-+\u2212\u2013]|\d,|(?:minus|neg|negative|vac|vacuum)[_ -]?)$", re.IGNORECASE)
-NUMBERED = re.compile(r"(?<![A-Za-z0-9.])(0|[1-9]\d*)[_ ]$")  # another number before, or the whole part of a decimal one
+NUMBERED = re.compile(r"(?<![A-Za-z0-9.])(0|[1-9]\d*)[_ ]$")  # another number before, or the whole part of a decimal
 OF_TENDONS = {"tension": ("N", NEWTON), "displacement": ("m", METRE), "angle": ("rad", RADIAN)}  # SI unit, known units
 LEAST = 3e3  # Pa: a smaller pressure moves no soft body, so that 1_60kPa is 60 kPa
 
@@ -27,7 +27,8 @@ def named_pressure(stem: str) -> float | None:
         number, unit = match.groups()
         before = stem[: match.start()]
         part = NUMBERED.search(before)
-        if UNCLEAR.search(before) or (part and float(f"{part[1]}.{number.replace('.', '')}") * pascal_per(unit) > LEAST):
+        decimal = float(f"{part[1]}.{number.replace('.', '')}") if part else 0.0
+        if UNCLEAR.search(before) or decimal * pascal_per(unit) > LEAST:
             return None
         values.add(float(number) * pascal_per(unit) * (-1 if NEGATIVE.search(before) else 1))
     return values.pop() if len(values) == 1 else None
