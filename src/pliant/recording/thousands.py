@@ -10,7 +10,8 @@ from pliant.recording.tables import joined, split_cells
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-BLANKS = re.compile("(?<=\\d)[\u00a0\u202f\u2009'\u2019](?=\\d{3}(?!\\d))")  # these mark nothing else
+THIN = "\u00a0\u202f\u2009'\u2019"  # these mark nothing else between digits
+BLANKS = re.compile(rf"(?<=\d)[{THIN}](?=\d{{3}}(?!\d))")
 SPACED = re.compile(r"[+-]?\d{1,3}(?: \d{3})+(?:[.,]\d+)?")
 NUMERIC = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")
 GROUPS = {",": re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?"),
@@ -27,9 +28,9 @@ def without_thousands(rows: list[str], delimiter: str | None, name: str) -> tupl
     mark before their decimals, or the column holds whole numbers below 1000 without a mark.
     """
     text = "\n".join(rows)
-    if (plain := BLANKS.sub("", text)) != text:
+    if any(sign in text for sign in THIN) and (plain := BLANKS.sub("", text)) != text:
         return plain.split("\n"), [f"marks between thousands in {name} were left out"]
-    spaced = delimiter is not None and SPACED.search(text) is not None
+    spaced = delimiter is not None and " " in text and SPACED.search(text) is not None
     if spaced and (changed := changed_cells(rows, delimiter, SPACED, " ", "")) != rows:
         return changed, [f"blanks between thousands in {name} were left out"]
     inside = [mark for mark in GROUPS if mark in text and (mark != delimiter or '"' in text)]

@@ -152,13 +152,18 @@ def one_row_of_names(lines: list[str], first: int, mark: str | None, name: str) 
         return numbered(lines, first, cells, mark, name)
     bodies, parts = (split_cells(lines[k], mark) for k in rows)
     bodies += [""] * (len(parts) - len(bodies))
-    spread: list[str] = list(accumulate(bodies, lambda before, body: body or before))
+    spread = list(accumulate(bodies, body_before))
     names = [part if not body or part == body else f"{body}_{part}" if part else body
              for body, part in zip(spread, parts, strict=False)]  # fmt: skip
     if len(bodies) != len(parts) or repeated_names(names) or not all(names):
         return numbered(lines, first, cells, mark, name)
     lines[rows[0]], lines[rows[1]] = "", joined(names, mark)
     return [f"lines {rows[0] + 1} and {rows[1] + 1} of {name} name its columns together, such as {names[-2][:40]}"]
+
+
+def body_before(before: str, body: str) -> str:
+    """Return the name of a body or, for a blank cell, of the one before."""
+    return body or before
 
 
 def numbered(lines: list[str], first: int, cells: list[str], mark: str | None, name: str) -> list[str]:
