@@ -178,7 +178,7 @@ def unexplained(trial: Trial) -> list[str]:
     """Return a warning if a recording has no inputs, and its file has further columns that change: one of them may be
     what moves the body.
     """
-    if recorded_inputs(trial.recording):
+    if recorded_inputs(trial.recording) or trial.asks_inputs:
         return []
     return [f"{line}; if one of them moves the body, name it as pressure or inputs in a mapping"
             for line in history_of(trial.recording) if line.startswith(CHANGING)]
