@@ -9,12 +9,28 @@ from typing import Any
 
 from pliant.errors import InputError, shown
 
-PASCAL = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757293168361}
-RADIAN = {"rad": 1.0, "deg": math.pi / 180.0}
+PASCAL = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757293168361, "hpa": 1e2,
+          "mmhg": 133.322387415, "inhg": 3386.388640341, "torr": 101325.0 / 760.0, "cmh2o": 98.0665, "atm": 101325.0,
+          "kgf/cm2": 98066.5}  # fmt: skip
+RADIAN = {"rad": 1.0, "deg": math.pi / 180.0, "rev": 2.0 * math.pi}
 NEWTON = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
-METRE = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+METRE = {"m": 1.0, "dm": 1e-1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 PIXEL = "px"
 SECOND = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
+SPELLINGS = {  # unit: other spellings of it, in lower case
+    "s": "sec secs second seconds", "ms": "msec msecs millisecond milliseconds",
+    "us": "usec microseconds \u00b5s \u03bcs",
+    "ns": "nsec nanoseconds", "min": "mins minute minutes", "h": "hr hrs hour hours",
+    "m": "meter meters metre metres", "cm": "centimeter centimeters centimetre centimetres",
+    "mm": "millimeter millimeters millimetre millimetres", "um": "micron microns micrometers \u00b5m \u03bcm",
+    "in": "inch inches", "ft": "foot feet", "px": "pixel pixels pix",
+    "deg": "degree degrees \u00b0", "rad": "radian radians",
+    "rev": "turn turns revs revolution revolutions", "n": "newton newtons", "pa": "pascal", "kpa": "kilopascal",
+    "inhg": "in.hg", "cmh2o": "cmh\u2082o", "kgf/cm2": "kgf/cm^2 kgf/cm\u00b2 kg/cm2 kg/cm^2 kg/cm\u00b2",
+}  # fmt: skip
+SPELLED = {other: unit for unit, others in SPELLINGS.items() for other in others.split()}
+GAUGE = re.compile(r"(.+?)[\s_-]*(?:\(?(?:g|gauge|gage|rel|relative)\)?)")
+ABSOLUTE = re.compile(r"(.+?)[\s_-]*(?:\(?(?:a|abs|absolute)\)?)")
 KILOGRAM = {"kg": 1.0, "g": 1e-3, "mg": 1e-6}
 OF_ONE_KIND = (  # units that can be converted to each other
     PASCAL, RADIAN, NEWTON, METRE, SECOND, KILOGRAM, {"n m": 1.0, "mn m": 1e-3, "nm": 1.0, "mnm": 1e-3},
@@ -26,6 +42,24 @@ ENDINGS = {  # of names that carry their unit, longer ones first
     "kpa": "kPa", "pa": "Pa", "hz": "Hz", "deg": "°", "rad": "rad", "us": "us", "ms": "ms", "ns": "ns", "s": "s",
     "n": "N", "m": "m", "g": "g",
 }
+
+
+def standard_unit(text: str) -> str:
+    """Return the spelling of a unit that the tables of this module use: "Inches" gives "in", and "bar(g)", a gauge
+    pressure, "bar". An unknown unit is returned in lower case.
+    """
+    unit = " ".join(text.lower().split())
+    unit = SPELLED.get(unit, unit)
+    if unit not in PASCAL and (match := GAUGE.fullmatch(unit)) and match[1] in PASCAL:
+        return match[1]
+    joined = unit.replace(" ", "")  # mm Hg
+    return joined if joined in PASCAL else unit
+
+
+def absolute_unit(text: str) -> str:
+    """Return the unit of a pressure whose unit says that it is absolute, such as "bar" for "bar(a)"; "" for others."""
+    match = ABSOLUTE.fullmatch(" ".join(text.lower().split()))
+    return match[1] if match and match[1] in PASCAL else ""
 
 
 def quantity(name: str) -> tuple[str, str]:
@@ -56,7 +90,7 @@ def number_in(text: str, unit: str) -> float:
 
 def _factor(table: dict[str, float], unit: str, what: str) -> float:
     try:
-        return table[unit.strip().lower()]
+        return table[standard_unit(unit)]
     except KeyError:
         raise InputError(f"unknown unit of {what} {shown(unit)}: use one of {', '.join(table)}") from None
 

@@ -54,7 +54,7 @@ def test_what_is_no_number_is_a_name(tmp_path, name):
 def test_repeated_columns_are_refused_in_one_sentence(tmp_path):
     path = put(tmp_path, "t," + ",".join(f"a{k // 2}" for k in range(MANY)) + "\n1\n")
     with pytest.raises(InputError, match=r"repeated column names: a0, a1, a10, a100, a1000 and 29995 more: "
-                                         r"rename them$"):
+                                         r"rename them, or give a mapping that names the columns by index$"):
         read(path)
 
 

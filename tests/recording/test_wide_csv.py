@@ -137,12 +137,18 @@ def test_what_is_wrong_is_named(tmp_path, text, message):
         read(put(tmp_path, text))
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-32"])
-def test_other_encodings_are_refused(tmp_path, encoding):
+@pytest.mark.parametrize(("encoding", "note"), [("utf-16", "UTF-16"), ("latin-1", "Windows-1252")])
+def test_encodings_of_spreadsheets_are_read_and_named(tmp_path, encoding, note):
+    ds = read(put(tmp_path, SIMPLE + "# é\n", encoding=encoding))
+    assert ds.sizes["time"] == read(put(tmp_path, SIMPLE)).sizes["time"]
+    assert f"is read as {note} text" in ds.history
+
+
+def test_other_encodings_are_refused(tmp_path):
     with pytest.raises(InputError):
-        read(put(tmp_path, SIMPLE, encoding=encoding))
-    with pytest.raises(InputError, match="UTF-8"):
-        read(put(tmp_path, SIMPLE + "# é\n", encoding="latin-1"))
+        read(put(tmp_path, SIMPLE, encoding="utf-32"))
+    with pytest.raises(InputError, match="not UTF-8 text: some of its bytes are no letters"):
+        read(put(tmp_path, SIMPLE + "# \xa6\n", encoding="latin-1"))
 
 
 def test_attributes_come_back(tmp_path):

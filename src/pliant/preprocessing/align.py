@@ -125,7 +125,7 @@ def align(
     _check_positions(recording)
     if recording.attrs["frame"] == "planar":
         return half_turn(recording) if bend is not None and planar_side(recording) == -_wanted_sign(bend) else recording
-    recording = _without_jumps(recording, undo=undo_jumps)
+    recording = _without_jumps(recording if arc_length is not None else without_unseen(recording), undo=undo_jumps)
     index, (window, span) = _base_index(recording, base), _rest(recording, rest)
     position = recording["position"].values
     matrices = to_matrix(recording["quaternion"].values) if "quaternion" in recording else None
@@ -245,6 +245,17 @@ def _turned(position: NDArray, origin: NDArray, rows: NDArray) -> NDArray:
     for i in range(0, len(position), BLOCK_FRAMES):
         result[i : i + BLOCK_FRAMES] = (position[i : i + BLOCK_FRAMES] - origin) @ rows.T
     return result
+
+
+def without_unseen(recording: xr.Dataset) -> xr.Dataset:
+    """Return the recording without the stations that no frame shows, named in its history; as it is if no frame shows
+    any station, or all are shown.
+    """
+    seen = np.isfinite(recording["position"].values).all(axis=2).any(axis=0)
+    if seen.all() or not seen.any():
+        return recording
+    unseen = ", ".join(str(name) for name in recording["station"].values[~seen])
+    return append_history(recording.isel(station=seen), f"{unseen}: never labelled, left out")
 
 
 def _rest_pose(position: NDArray, recording: xr.Dataset) -> NDArray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.clock import SECONDS
-from pliant.recording.column_names import parted
+from pliant.recording.column_names import parted, standard_names, stations_of
 from pliant.recording.columns import read_columns
 from pliant.recording.mapping import FileMapping
 from pliant.recording.registry import ENDINGS, Reader
@@ -55,7 +55,7 @@ class AngleLogMapping(FileMapping):
         Rows to keep, counted from 0, the last excluded.
     """
 
-    angle_unit: Literal["deg", "rad"] | None = None
+    angle_unit: Literal["deg", "rad", "rev"] | None = None
     pressure_unit: str | None = None
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
     arc_length: list[float] | None = None
@@ -146,6 +146,11 @@ def recognises(head: bytes) -> bool:
     line = next((line for line in re.split("[\r\n]+", text) if line.strip() and not line.startswith("#")), "")
     names = [split_cells(line, delimiter) for delimiter in (";", "\t", ",") if delimiter in line]
     if not names or any(re.match(r"[xyz](_|$)", n) for n in names[0]):
+        return False
+    try:
+        if stations_of(standard_names(names[0], "").names, names[0]):
+            return False
+    except InputError:  # positions in several units
         return False
     kinds = [role for role, _ in roles(names[0]).values()]
     return kinds.count("time") == 1 and "angle" in kinds

@@ -19,9 +19,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 TIME_OF_DAY = re.compile(
-    r"(?:(\d{4})[-/.](\d\d?)[-/.](\d\d?)[T _])?(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)(?: ?(?:Z|UTC|[+-]\d\d:?\d\d))?"
+    r"(?:(?P<date>\d{1,4}[-/.](?:\d\d?|[A-Za-z]{3})[-/.]\d{1,4})[T _,]+)?(?:(?P<hour>\d\d?):)?(?P<minute>\d\d?):"
+    r"(?P<second>\d\d(?:[.,:]\d+)?)(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?: ?(?:Z|UTC|[+-]\d\d:?\d\d))?"
 )
+MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+ORDERS = ("year-month-day", "day-month-year", "month-day-year")
 DAY = 86400.0  # s
+STATES = {"true": "1", "false": "0", "on": "1", "off": "0", "open": "1", "opened": "1", "closed": "0", "close": "0",
+          "high": "1", "low": "0", "yes": "1", "no": "0"}  # fmt: skip
 LATE = 0.5  # of a day: a time of day that falls by more has passed midnight
 
 
@@ -83,9 +88,29 @@ def without_marks(
     return changed, [f"{count} cell(s) of {name} hold {listed} and are gaps"]
 
 
+def with_states(
+    rows: Sequence[str], delimiter: str | None, columns: Collection[int], name: str = "",
+) -> tuple[list[str], list[str]]:
+    """Return the rows of a table with 1 and 0 for the states in those of the `columns` that hold states alone, such as
+    true and false, or open and closed, and a sentence for the history that counts these columns.
+    """
+    first = split_cells(next((row for row in rows if row.strip()), ""), delimiter)
+    likely = [k for k in columns if k < len(first) and first[k].lower() in STATES]
+    texts = cells_of(rows, delimiter, likely)
+    switched = [k for k in likely if {word.lower() for word in texts[k]} <= {*STATES, ""}]
+    if not switched:
+        return list(rows), []
+    changed = rewritten(rows, delimiter, switched, lambda cell: STATES.get(cell.lower(), cell))
+    example = clipped(first[switched[0]], 20)
+    return changed, [f"{len(switched)} column(s) of {name} hold states such as {example}, read as 1 and 0"]
+
+
 def is_time_of_day(cell: str) -> bool:
-    """Return whether a cell holds a time such as 10:11:12.5 or a date with a time, such as 2026-05-03 10:11:12.5."""
-    return TIME_OF_DAY.fullmatch(cell) is not None
+    """Return whether a cell holds a time such as 10:11:12.5 or 4:08:20 PM, a time since the start such as 01:12.5, or a
+    date with a time, such as 2026-05-03 10:11:12.5 or 3.5.2026 10:11:12,5.
+    """
+    match = TIME_OF_DAY.fullmatch(cell)
+    return match is not None and (match["hour"] is not None or not match["second"].isdigit())
 
 
 def with_seconds(rows: Sequence[str], delimiter: str | None, column: int, name: str) -> tuple[list[str], list[str]]:
@@ -97,40 +122,75 @@ def with_seconds(rows: Sequence[str], delimiter: str | None, column: int, name: 
     InputError
         When the first row holds a time of day and another row does not.
     """
-    first = next((row for row in rows if row.strip()), "")
-    cells = split_cells(first, delimiter)
+    cells = split_cells(next((row for row in rows if row.strip()), ""), delimiter)
     if column >= len(cells) or not is_time_of_day(cells[column]):
         return list(rows), []
-    zero, last, days = seconds(cells[column], name), 0.0, 0.0
+    clock = [cell for cell in cells_of(rows, delimiter, [column])[column] if cell]
+    order, doubt = order_of_dates(clock, name)
+    zero, last, days = seconds(clock[0], name, order), 0.0, 0.0
 
     def change(cell: str) -> str:
         nonlocal last, days
         if not cell:
             return cell
-        now = seconds(cell, name) - zero + days
+        now = seconds(cell, name, order) - zero + days
         if now < last - LATE * DAY:
             now, days = now + DAY, days + DAY
         last = now
-        return repr(round(now, 9))
+        return f"{round(now * 1e9)}e-9"  # without a decimal point, which other columns may write as a comma
 
     changed = rewritten(rows, delimiter, [column], change)
-    return changed, [f"the times of {name} are times of day; 0 s is {cells[column]}"
+    return changed, [f"the times of {name} are times of day; 0 s is {clock[0]}{doubt}"
                      + (f", and {days / DAY:.0f} midnight(s) were passed" if days else "")]  # fmt: skip
 
 
-def seconds(cell: str, name: str) -> float:
-    """Return a time of day in seconds since midnight or, with a date, since the year 1."""
+def order_of_dates(clock: Sequence[str], name: str) -> tuple[str, str]:
+    """Return the one of `ORDERS` in which the dates of times (R,) are written, and a remark if others are possible: of
+    these, the one with the shortest time between the first and the last row. "" where the times have no date.
+
+    Raises
+    ------
+    InputError
+        When the dates are none in any order.
+    """
+    dates = [match["date"] for cell in dict.fromkeys((clock[0], *clock)) if (match := TIME_OF_DAY.fullmatch(cell))]
+    if not dates or dates[0] is None:
+        return "", ""
+    days: dict[str, list[int | None]] = {o: [day_of(one, o) for one in dict.fromkeys(dates) if one] for o in ORDERS}
+    spans = {order: max(known) - min(known) for order, all_days in days.items()
+             if len(known := [day for day in all_days if day is not None]) == len(all_days)}  # fmt: skip
+    if not spans:
+        raise InputError(f"{name}: {clipped(dates[0], 40)!r} in the column of time is no date: write year-month-day")
+    best = min(spans, key=lambda order: spans[order])
+    others = [order for order in spans if order != best]
+    return best, f" ({best}; {others[0]} would be possible too)" if others and spans[best] != spans[others[0]] else ""
+
+
+def day_of(text: str, order: str) -> int | None:
+    """Return the day, counted from the year 1, of a date in one of the `ORDERS`; None if it is none."""
+    parts = dict(zip(order.split("-"), re.split("[-/.]", text), strict=True))
+    month = parts["month"].lower()
+    try:
+        year = int(parts["year"]) + (2000 if len(parts["year"]) == 2 else 0)
+        return date(year, MONTHS.index(month) + 1 if month in MONTHS else int(month), int(parts["day"])).toordinal()
+    except ValueError:
+        return None
+
+
+def seconds(cell: str, name: str, order: str) -> float:
+    """Return a time of day in seconds since midnight or, with a date in the `order` of `ORDERS`, since the year 1."""
     match = TIME_OF_DAY.fullmatch(cell)
-    if match is None:
+    if match is None or (match["date"] is None) != (order == ""):
         raise InputError(f"{name}: the column of time holds times of day, but one cell is {clipped(cell, 40)!r}: "
                          "correct it, or leave it empty")
-    year, month, day, hour, minute, second = match.groups()
-    try:
-        days = date(int(year), int(month), int(day)).toordinal() if year else 0
-    except ValueError:
-        raise InputError(f"{name}: {clipped(cell, 40)!r} in the column of time is no date: write year-month-day"
-                         ) from None
-    return DAY * days + 3600 * int(hour) + 60 * int(minute) + float(second.replace(",", "."))
+    hour = int(match["hour"] or 0)
+    if match["half"]:
+        hour = hour % 12 + (12 if match["half"] in "pP" else 0)
+    whole, _, fraction = re.sub("[,:]", ".", match["second"]).partition(".")
+    day = day_of(match["date"], order) if order else 0
+    if day is None:
+        raise InputError(f"{name}: {clipped(cell, 40)!r} in the column of time is no date: write {order}")
+    return DAY * day + 3600 * hour + 60 * int(match["minute"]) + float(f"{whole}.{fraction or 0}")
 
 
 def is_one_of(texts: NDArray, values: Sequence[str | float]) -> NDArray:

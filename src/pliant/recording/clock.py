@@ -11,9 +11,11 @@ from pliant.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 COUNTERS = (2**16, 2**31, 2**32)  # ticks after which millis(), micros() and 16-bit timers begin again
 YEAR_2000, YEAR_2100 = 9.466848e8, 4.1025312e9  # s since 1970
+SHEET_2000, SHEET_2100, DAY = 36526.0, 73051.0, 86400.0  # days since the end of 1899, as spreadsheets store dates; s
+SHORT = 5e-5  # least step of times in s: shorter ones between such numbers are fractions of a day
 NEAR = 0.02  # of the counter: how close to its end and to zero a wrap lies
 
 
@@ -27,6 +29,9 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
         When the time goes back and no counter wrapped, as when a logger was restarted.
     """
     ticks = np.array(ticks, dtype=np.float64)
+    if unit == "s" and is_of_sheet(ticks):
+        ticks = np.round((ticks - ticks[np.isfinite(ticks)][0]) * DAY, 6)
+        return ticks, [f"the times of {file} are days of a spreadsheet, by their size; 0 s is the first row"]
     unit, epoch = since_1970(ticks, unit, file)
     back = np.flatnonzero(np.diff(ticks) < 0)
     wraps = []
@@ -44,6 +49,16 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
         return ticks * SECONDS[unit], epoch
     line = f"the time counter of {file} wrapped around {len(wraps)} time(s), after {wraps[0][1]} {unit}: corrected"
     return ticks * SECONDS[unit], [*epoch, line]
+
+
+def is_of_sheet(ticks: NDArray) -> bool:
+    """Return whether times (T,) are days since the end of 1899, as spreadsheets store dates with times: their size is
+    that of a date of this century, and they rise by small fractions of a second.
+    """
+    known = ticks[np.isfinite(ticks)]
+    step = np.diff(known)
+    return bool(step.size and SHEET_2000 <= known.min() <= known.max() < SHEET_2100
+                and (step >= 0.0).all() and 0.0 < np.median(step) < SHORT)
 
 
 def since_1970(ticks: NDArray, unit: str, file: str) -> tuple[str, list[str]]:

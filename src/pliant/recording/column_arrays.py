@@ -171,14 +171,14 @@ class ColumnMapping(FileMapping):
     time: Column | tuple[Column, Column] | None = None
     input_time: Column | None = None
     na: list[str | float] = Field(default=[])
-    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h"] = "s"
     rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     length_unit: str = ""
     camera: Camera | None = None
     stations: dict[str, StationColumns] | None = None
     points: Points | None = None
     angles: dict[str, Column | list[Column]] | None = None
-    angle_unit: Literal["deg", "rad"] | None = None
+    angle_unit: Literal["deg", "rad", "rev"] | None = None
     inclination: InclinationMapping | None = None
     arc_length: list[float] | None = None
     pressure: PressureColumns | None = None

@@ -13,14 +13,13 @@ import numpy as np
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
 from pliant.recording.tables import holds_number
-from pliant.units import METRE, PASCAL, PIXEL, RADIAN
+from pliant.units import METRE, PASCAL, PIXEL, RADIAN, standard_unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-ALIASES = {"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s", "hpa": "mbar"}
 UNITS = (SECONDS, RADIAN, PASCAL)
 PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNORECASE)
 BEFORE = re.compile(r"([xyz])[_ .:](.+)", re.IGNORECASE)  # x_tip
@@ -29,7 +28,7 @@ BEHIND = re.compile(r"(.+?)[_ .:](?:p(?:os|osition)?[_ .]?)?([xyz])", re.IGNOREC
 JOINED = re.compile(r"(.*[a-z0-9])([XYZ])|(.*[0-9])([xyz])")  # tipX, m0x
 ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
 TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "datetime", "date_time", "date", "clock",
-         "zeit", "temps", "tiempo", "tempo"}  # fmt: skip
+         "zeit", "zeitstempel", "uhrzeit", "temps", "tiempo", "tempo", "tid", "tijd"}  # fmt: skip
 COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
 PARTS = {  # names of seconds, and of their fraction with its unit
     "seconds": re.compile(r"(?:.*[_ .])?(?:sec|secs|seconds)", re.IGNORECASE),
@@ -39,8 +38,10 @@ PARTS = {  # names of seconds, and of their fraction with its unit
 TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orientation|o)[_ .]?([xyzw])",
                   re.IGNORECASE)  # fmt: skip
 BODY = "body"  # name of a single tracked body, where the names of its columns hold none
-BRACKETED = re.compile(r"(.+?)[\s_]*[\[(]\s*([^\[\]()]+?)\s*[\])]")  # tip_x [mm]
-ENDING = re.compile(r"(.+)[_ ]([A-Za-z]+)")  # tip_x_mm
+BRACKETED = re.compile(  # tip_x [mm], p [bar(g)], p (bar(g))
+    r"(.+?)[\s_]*(?:\[\s*([^\[\]]+?)\s*\]|\(\s*([^()]+(?:\([^()]*\))?)\s*\))")
+ENDING = re.compile(r"(.+)[_ ]([A-Za-z\u00b5\u03bc\u00b0]+)")  # tip_x_mm
+CLOCK_FACE = re.compile(r"h*:?m+:s+(?:[.:,](?:m|s|f|0|x|u)+)?")  # hh:mm:ss.ms, how times are written
 WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
 LETTERS = set("afgoqvw")  # of quantities that are no positions
 OTHERS = re.compile(r"forces?|acc\w*|gyr\w*|mag(?!nets?$)\w*|vel\w*|speed|twist|torques?|moments?|wrench\w*|load_?cell|"
@@ -49,6 +50,7 @@ OTHERS = re.compile(r"forces?|acc\w*|gyr\w*|mag(?!nets?$)\w*|vel\w*|speed|twist|
 ELSEWHERE = r"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|atm\w*|ambient|barom\w*"  # not in the body
 PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
+ABSOLUTE = re.compile(r"(?:^|[\W_])abs(?:olute)?(?:[\W_]|$)", re.IGNORECASE)  # a pressure that is no gauge pressure
 LENGTHS = {*METRE, PIXEL}
 WORDS = {"in"}  # units that are words as well: a name states them in brackets alone
 
@@ -86,7 +88,10 @@ def standard_names(names: list[str], file: str) -> Renamed:
     standard = {name: coordinate[0] for name, coordinate in positions.items()}
     standard |= _orientations(names, {new.partition("_")[2] for new in standard.values()})
     clocks = _clocks(names)
-    standard |= {n: other for n in names if n not in standard and (other := clocks.get(n) or _pressure(n))}
+    standard |= {n: other for n in names if n not in standard and (other := clocks.get(n))}
+    pressures = {n: other for n in names if n not in standard and (other := _pressure(n))}
+    inside = {n: other for n, other in pressures.items() if not NOT_INSIDE.fullmatch(n)}
+    standard |= inside or pressures
     standard |= _channels([name for name in names if name not in standard], [*standard.values()])
     owners = Counter([*names, *(new for old, new in standard.items() if old != new)])
     changed = {old: new for old, new in standard.items() if old != new and owners[new] == 1}
@@ -98,7 +103,8 @@ def parted(name: str) -> tuple[str, str]:
     none).
     """
     words = [w for w in re.split(r"[\s_\[\]()]+", name.lower()) if w]
-    last = ALIASES.get(words[-1], words[-1]) if words else ""
+    words = [w for w in words if not CLOCK_FACE.fullmatch(w)] or words
+    last = standard_unit(words[-1]) if words else ""
     if len(words) > 1 and any(last in units for units in UNITS):
         return "_".join(words[:-1]), last
     return "_".join(words), ""
@@ -180,7 +186,7 @@ def _clocks(names: Iterable[str]) -> dict[str, str]:
 def _pressure(name: str) -> str | None:
     bare, unit = _without_unit(name, PASCAL)
     match = PRESSURE.fullmatch(bare)
-    if not match or not unit:
+    if not match or not unit or ABSOLUTE.search(bare):
         return None
     chamber = match[1] or match[2]
     return f"p_{unit}_{chamber}" if chamber else f"p_{unit}"
@@ -192,7 +198,7 @@ def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
     A single such column becomes the only pressure, without a chamber name. Set points, supplies and atmospheric
     pressures are skipped.
     """
-    inside = [name for name in names if not NOT_INSIDE.fullmatch(name)]
+    inside = [name for name in names if not NOT_INSIDE.fullmatch(name) and not ABSOLUTE.search(name)]
     channels = {name: parts for name in inside if (parts := _without_unit(name, PASCAL))[1]}
     if len(channels) == 1 and not any(name.startswith("p_") for name in known):
         return {name: f"p_{unit}" for name, (_, unit) in channels.items()}
@@ -228,11 +234,26 @@ def pressures_named(names: Sequence[str], unit: str, file: str) -> tuple[list[st
 
 def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:
     """Return a name without the unit at its end, and the unit ("" where it ends with none of `units`)."""
-    for pattern in (BRACKETED, ENDING):
-        match = pattern.fullmatch(name)
-        if match and match[2].lower() in units and not (pattern is ENDING and match[2].lower() in WORDS):
-            return match[1], match[2].lower()
+    if match := BRACKETED.fullmatch(name):
+        unit = standard_unit(match[2] or match[3])
+        return (match[1], unit) if unit in units else (name, "")
+    match = ENDING.fullmatch(name)
+    if match and (unit := standard_unit(match[2])) in units and match[2].lower() not in WORDS:
+        return match[1], unit
     return name, ""
+
+
+def unit_of(name: str, units: Iterable[str]) -> str:
+    """Return which of the `units` the name of a column states at its end, in standard spelling; "" for none."""
+    words = words_of(name)
+    unit = _without_unit(name, units)[1] or (standard_unit(words[-1]) if len(words) > 1 else "")
+    return unit if unit in units else ""
+
+
+def bracketed_unit(name: str) -> str:
+    """Return the unit that the name of a column states in brackets, in standard spelling; "" where there are none."""
+    match = BRACKETED.fullmatch(name)
+    return standard_unit(match[2] or match[3]) if match else ""
 
 
 class PartedClock(NamedTuple):
@@ -262,7 +283,7 @@ def parted_clock(names: Sequence[str]) -> PartedClock | None:
 
 
 AT_BASE, AT_TIP = {"base", "root", "mount", "ground"}, {"tip", "end", "ee", "effector", "endeffector", "distal"}
-CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns"}
+CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns", "t_min": "min", "t_h": "h"}
 SHAPES = ("stations", "points", "angles")
 
 

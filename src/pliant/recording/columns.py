@@ -19,7 +19,15 @@ import numpy as np
 
 from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
-from pliant.recording.cells import cells_of, ends_alike, is_one_of, with_seconds, without_marks, without_trailing
+from pliant.recording.cells import (
+    cells_of,
+    ends_alike,
+    is_one_of,
+    with_seconds,
+    with_states,
+    without_marks,
+    without_trailing,
+)
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_arrays import (
     Column,
@@ -39,21 +47,22 @@ from pliant.recording.mapping import shorten
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
 from pliant.recording.tables import (
-    DELIMITERS,
     NUMBER,
+    delimiter_of,
+    first_row,
     holds_number,
     judge_end,
     parse_numbers,
     preamble_of,
-    read_text,
     split_cells,
     without_text,
 )
+from pliant.recording.tidy import table_lines
 from pliant.recording.units_row import with_units
 from pliant.units import radian_per
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     import xarray as xr
@@ -105,11 +114,13 @@ def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dat
 
 def first_cells(path: Path, mapping: Mapping[str, Any]) -> list[str]:
     """Return the cells of the first row of a table behind the lines that its mapping skips."""
-    skipped, stated = mapping.get("skip_lines"), mapping.get("delimiter")
-    lines = read_text(path).split("\n")
-    first = first_row(lines, skipped if isinstance(skipped, int) else preamble_of(lines))
+    skipped, stated, header = mapping.get("skip_lines"), mapping.get("delimiter"), mapping.get("header")
+    skipped, stated = skipped if isinstance(skipped, int) else None, stated if isinstance(stated, str) else None
+    lines, _ = table_lines(path, skip_lines=skipped, delimiter=stated or None,
+                           header=header if isinstance(header, bool) else None)  # fmt: skip
+    first = first_row(lines, preamble_of(lines) if skipped is None else skipped)
     line = lines[first] if first < len(lines) else ""
-    delimiter = delimiter_of(line, stated if isinstance(stated, str) and stated else None)
+    delimiter = delimiter_of(line, stated or None)
     lines, _ = with_units(lines, first, delimiter, path.name)
     cells = split_cells(lines[first], delimiter) if line else []
     return cells[:-1] if cells[-1:] == [""] else cells
@@ -126,9 +137,10 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
     """Return the header of a table, its numbers (R, K) with NaN for texts, the texts (R,) of the columns that the
     mapping uses as texts, and sentences for the history.
     """
-    lines = read_text(path).split("\n")
+    lines, tidied = table_lines(path, skip_lines=options.skip_lines, delimiter=options.delimiter, header=options.header)
     first = preamble_of(lines) if options.skip_lines is None else options.skip_lines
-    above = [f"{first} line(s) above the table of {path.name} were skipped"] if first and not options.skip_lines else []
+    above = [*tidied, f"{first} line(s) above the table of {path.name} were skipped"] \
+        if first and not options.skip_lines else tidied
     first = first_row(lines, first)
     if first >= len(lines):
         raise InputError(f"{path.name} has no table row after its first {first} line(s): reduce "
@@ -153,23 +165,12 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
         rows, clock = with_seconds(rows, delimiter, column, name)
         findings += clock
         header.in_seconds |= {column} if clock else set()
+    inputs = {header.index(column) for column in _inputs(options)}
+    rows, states = with_states(rows, delimiter, inputs, name)
+    findings += states
     rows = without_text(rows, delimiter, used - worded, header.width, header=named, words=worded)
     table = parse_numbers(rows, name=name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
     return header, table, texts, [*above, *united, *findings, *cut]
-
-
-def first_row(lines: Sequence[str], start: int) -> int:
-    """Return the index of the first line from `start` on that is neither blank nor a comment; that of the end if all
-    are.
-    """
-    return next((k for k in range(start, len(lines)) if lines[k].strip() and not lines[k].startswith("#")), len(lines))
-
-
-def delimiter_of(line: str, stated: str | None) -> str | None:
-    """Return the delimiter of a table as its mapping states it, or else from its first row; None for white space."""
-    if stated is not None:
-        return None if stated == "space" else stated
-    return next((candidate for candidate in DELIMITERS if candidate in line), None)
 
 
 def header_of(cells: list[str], options: ColumnMapping, where: str) -> bool:
@@ -194,6 +195,12 @@ def _clocks(options: ColumnMapping) -> tuple[Column, ...]:
     if options.time is None:
         return ()
     return options.time if isinstance(options.time, tuple) else (options.time,)
+
+
+def _inputs(options: ColumnMapping) -> list[Column]:
+    """Return the columns of the pressures and of the other inputs."""
+    pressures = options.pressure.columns if options.pressure else []
+    return [*pressures, *(column for group in options.inputs for column in group.columns)]
 
 
 def _worded(header: ColumnHeader, options: ColumnMapping) -> set[int]:
@@ -230,8 +237,7 @@ def _used(header: ColumnHeader, options: ColumnMapping) -> set[int]:
     """Return the indices of the columns that the mapping uses."""
     wanted: list[Column | None] = [*_clocks(options), options.input_time]
     wanted += [options.select.column] if options.select else []
-    wanted += options.pressure.columns if options.pressure else []
-    wanted += [column for group in options.inputs for column in group.columns]
+    wanted += _inputs(options)
     for columns in (options.angles or {}).values():
         wanted += columns if isinstance(columns, list) else [columns]
     for station in _layout(options, header).values():
@@ -353,9 +359,7 @@ def without_idle(table: NDArray, clock: int, columns: Collection[int], file: str
 
 def _timed_by(header: ColumnHeader, options: ColumnMapping, *, whole: bool) -> set[int]:
     """Return the indices of the columns whose times are those of the shape (`whole`) or else of the inputs."""
-    inputs = [*(options.pressure.columns if options.pressure else []),
-              *(column for group in options.inputs for column in group.columns)]  # fmt: skip
-    clocked = {header.index(column) for column in inputs}
+    clocked = {header.index(column) for column in _inputs(options)}
     if options.input_time is None:
         return _numeric(header, options)
     shape = _numeric(header, options) - clocked - {header.index(options.input_time)}

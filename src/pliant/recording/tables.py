@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import json
@@ -24,30 +25,60 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 MISSING = ("", "nan", "NaN", "NAN", "null", "NA")
+MARKS = ("-", "--", "N/A", "n/a", "#N/A", "None", "none", "NULL", "Null", "nil", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!",
+         "#NAME?", "-nan", "-NaN", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#IND")  # of missing numbers, in rows alone
 # narrower than float(), which also takes 1_000 and digits of other scripts
 NUMBER = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|infinity)", re.IGNORECASE)
 DELIMITERS = (";", "\t", "|", ",")  # the first of them in a header line is its delimiter
+WIDE = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
+ASCII = 127
+SIGNS = "\u00b0\u00b5\u00b2\u00b3\u00b1\u00b7\u00d7\u00a0\u00a7\u2019\u2018\u201c\u201d\u2013\u2014\u2026"
 MOST_PREAMBLE = 200  # lines in which a table begins
 COMPARED_ROWS = 200  # rows before the last one that say how many digits a number has
 LONGEST_LINE = 4_000_000  # characters; a longer first line is no header
 
 
 def read_text(path: Path) -> str:
-    """Read a UTF-8 file and return its text without a byte-order mark and with newlines as line ends."""
+    """Read a text file and return its text without a byte-order mark and with newlines as line ends."""
+    return encoded_text(path)[0]
+
+
+def encoded_text(path: Path) -> tuple[str, str]:
+    """Read a text file; return its text without a byte-order mark and with newlines as line ends, and the name of its
+    encoding ("" for UTF-8): UTF-16, which spreadsheets and loggers of Windows write, or Windows-1252, if the bytes that
+    are no UTF-8 are letters or signs such as a degree.
+
+    Raises
+    ------
+    InputError
+        When the file is empty, or no text in one of these encodings.
+    """
     data = content_of(path, "table", LARGEST_TABLE)
     if not data.strip():
         raise InputError(f"{path.name} is empty: copy or export it again")
-    if b"\0" in data:
-        raise InputError(f"{path.name} is not UTF-8 text: it holds zero bytes, so it is binary or UTF-16; save it "
-                         "as UTF-8 text")
+    text, encoding = decoded(data)
+    if text is None:
+        what = "it holds zero bytes, so it is binary or in another encoding" if b"\0" in data else \
+            "some of its bytes are no letters in Windows-1252 either"
+        raise InputError(f"{path.name} is not UTF-8 text: {what}; save it as UTF-8 text")
+    return text.replace("\r\n", "\n").replace("\r", "\n"), encoding
+
+
+def decoded(data: bytes) -> tuple[str | None, str]:
+    """Return the text of a file's bytes and the name of its encoding; None if it is in none that is known."""
+    wide = next((codec for mark, codec in WIDE.items() if data.startswith(mark)), None)
     try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path.name} is not UTF-8 text: byte {error.start} is 0x{data[error.start]:02x}; "
-            "save it as UTF-8"
-        ) from None
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+        if wide is not None and not data.startswith(codecs.BOM_UTF32_LE):
+            text = data.decode(wide).removeprefix("\ufeff")
+            return (None if "\0" in text else text), "UTF-16"
+        return (None if b"\0" in data else data.decode("utf-8-sig")), ""
+    except UnicodeDecodeError:
+        pass
+    try:
+        text = data.decode("cp1252")
+    except UnicodeDecodeError:
+        return None, ""
+    return (text if all(c.isalpha() or c in SIGNS for c in set(text) if ord(c) > ASCII) else None), "Windows-1252"
 
 
 def find_delimiter(line: str, name: str) -> str:
@@ -59,6 +90,20 @@ def find_delimiter(line: str, name: str) -> str:
         if delimiter in line:
             return delimiter
     return ","
+
+
+def first_row(lines: Sequence[str], start: int) -> int:
+    """Return the index of the first line from `start` on that is neither blank nor a comment; that of the end if all
+    are.
+    """
+    return next((k for k in range(start, len(lines)) if lines[k].strip() and not lines[k].startswith("#")), len(lines))
+
+
+def delimiter_of(line: str, stated: str | None) -> str | None:
+    """Return the delimiter of a table as its mapping states it, or else from its first row; None for white space."""
+    if stated is not None:
+        return None if stated == "space" else stated
+    return next((candidate for candidate in DELIMITERS if candidate in line), None)
 
 
 def preamble_of(lines: Sequence[str], delimiter: str | None = None) -> int:
@@ -166,7 +211,8 @@ def without_text(
     the first row, which may be a header that was not stated.
     """
     first = [split_cells(row, delimiter) for row in rows[:COMPARED_ROWS] if row.strip()][0 if header else 1 :]
-    text = {k for cells in first if len(cells) == width for k, cell in enumerate(cells) if not holds_number(cell)}
+    text = {k for cells in first if len(cells) == width for k, cell in enumerate(cells)
+            if not holds_number(cell) and cell not in MARKS}  # fmt: skip
     if not (text := (text - set(used)) | set(words)):
         return rows
     emptied = []
@@ -220,7 +266,7 @@ def parse_numbers(lines: Sequence[str], *, name: str, first_line: int, delimiter
             warnings.simplefilter("ignore")  # pandas warns about what the error below says better
             frame = pd.read_csv(
                 io.StringIO(text), header=None, sep=r"\s+" if delimiter is None else delimiter,
-                decimal=decimal, dtype=np.float64, na_values=list(MISSING), keep_default_na=False,
+                decimal=decimal, dtype=np.float64, na_values=[*MISSING, *MARKS], keep_default_na=False,
                 skipinitialspace=True, float_precision="round_trip", skip_blank_lines=True,
             )  # fmt: skip
         values = frame.to_numpy(dtype=np.float64)
@@ -257,7 +303,7 @@ def _parse_slowly(rows: Sequence[tuple[int, str]], name: str, delimiter: str | N
     for number, line in rows:
         cells = split_cells(line, delimiter)
         for index, cell in enumerate(cells):
-            if cell in MISSING:
+            if cell in MISSING or cell in MARKS:
                 values.append(np.nan)
                 continue
             text = cell.replace(",", ".") if decimal == "," else cell

@@ -6,21 +6,20 @@ import re
 from typing import TYPE_CHECKING
 
 from pliant.errors import InputError, shown
-from pliant.recording.column_names import ALIASES, WORDS
+from pliant.recording.column_names import WORDS
 from pliant.recording.tables import holds_number, joined, split_cells
-from pliant.units import METRE, NEWTON, PASCAL, RADIAN, SECOND
+from pliant.units import METRE, NEWTON, PASCAL, RADIAN, SECOND, standard_unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-SPELLED = {**ALIASES, "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms", "usec": "us",
-           "microseconds": "us", "µs": "us", "μs": "us", "µm": "um", "μm": "um"}  # fmt: skip
 NAMED = {*METRE, *PASCAL, *RADIAN, *NEWTON, *SECOND, "ns", "px"}  # join the names of the columns
 UNITS = NAMED | {"", "-", "g", "kg", "v", "mv", "a", "ma", "hz", "%", "counts", "m/s", "m/s2", "m/s^2", "rad/s",
                  "deg/s", "°/s", "dps", "rpm", "mm/s", "nm", "n m", "n*m", "°c", "degc", "deg c", "celsius", "c", "k",
                  "ut", "gauss", "l/min", "ohm", "none", "n/a"}  # fmt: skip
 KINDS = (METRE, PASCAL, RADIAN, NEWTON, {*SECOND, "ns"})
 BRACKETS = re.compile(r"\[\s*([^\[\]]*?)\s*\]|\(\s*([^()]*?)\s*\)|<\s*([^<>]*?)\s*>")
+MEASURED = re.compile(r"[+-]?\d[\d.,]*(?:[eE][+-]?\d+)?\s*([^\d\s.,+-][^\d]*)")
 STATED = re.compile(r"(?P<name>.+?)(?:[\s_]*[\[(]\s*(?P<bracketed>[^\[\]()]+?)\s*[\])]|[_ ](?P<ending>[^\W\d_]+|°))")
 
 
@@ -32,22 +31,33 @@ def with_units(lines: Sequence[str], first: int, delimiter: str | None, file: st
     if below == len(lines):
         return list(lines), []
     names, cells = (split_cells(lines[k], delimiter) for k in (first, below))
+    if not is_units_row(names, cells):
+        return list(lines), []
     cells = [without_brackets(cell) for cell in cells]
-    if len(cells) != len(names) or any(holds_number(cell) for cell in [*names, *cells] if cell):
-        return list(lines), []
-    known = [cell.lower() in UNITS for cell in cells if cell]
-    if len(known) < 2 or not all(known):
-        return list(lines), []
     united = [_united(name, cell, file) for name, cell in zip(names, cells, strict=True)]
     rows = [*lines[:first], joined(united, delimiter), *lines[first + 1 : below], "", *lines[below + 1 :]]
     return rows, [f"line {below + 1} of {file} holds units: they are read as those of its columns"]
+
+
+def is_units_row(names: Sequence[str], cells: Sequence[str]) -> bool:
+    """Return whether the cells below the names of columns are units alone, and at least two."""
+    if len(cells) != len(names) or any(holds_number(cell) for cell in [*names, *cells] if cell):
+        return False
+    known = [without_brackets(cell).lower() in UNITS for cell in cells if cell]
+    return len(known) > 1 and all(known)
+
+
+def unit_of_cell(cell: str) -> str:
+    """Return the unit behind the number in a cell such as "12.5 mm", as it is written; "" where there is none."""
+    match = MEASURED.fullmatch(cell)
+    return match[1] if match and standard_unit(match[1]) in NAMED else ""
 
 
 def without_brackets(cell: str) -> str:
     """Return the unit in a cell such as "[mm]" or "mm", in the spelling that names of columns use."""
     match = BRACKETS.fullmatch(cell)
     unit = "".join(group or "" for group in match.groups()) if match else cell
-    return SPELLED.get(unit.lower(), unit)
+    return unit if unit.lower() in NAMED or standard_unit(unit) not in NAMED else standard_unit(unit)
 
 
 def _united(name: str, unit: str, file: str) -> str:
@@ -56,7 +66,7 @@ def _united(name: str, unit: str, file: str) -> str:
         return name
     match = STATED.fullmatch(name)
     ending = ((match["bracketed"] or match["ending"]) if match else "").lower()
-    stated = SPELLED.get(ending, ending)
+    stated = standard_unit(ending)
     if match is None or stated not in NAMED or (match["ending"] and ending in WORDS):
         return f"{name} [{unit}]"
     if stated == unit.lower():

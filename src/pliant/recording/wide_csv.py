@@ -39,7 +39,10 @@ from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
 from pliant.recording.stated import WARNING, Reading, Stated
 from pliant.recording.tables import (
+    WIDE,
+    delimiter_of,
     find_delimiter,
+    first_row,
     holds_number,
     preamble_of,
     read_rows,
@@ -48,6 +51,7 @@ from pliant.recording.tables import (
     split_cells,
     whole_number,
 )
+from pliant.recording.tidy import table_lines
 from pliant.recording.units_row import with_units
 from pliant.units import PASCAL, metre_per, pascal_per
 
@@ -104,7 +108,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
     """
     if COLUMNS_ALONE & set(mapping or {}):
         return Reading(read_columns(path, mapping))
-    lines = read_text(path).split("\n")
+    lines, tidied = table_lines(path)
     metadata, start = _metadata(path, lines)
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
     metadata = TableMetadata.load(metadata, path.name, "metadata of").model_dump(exclude_unset=True)
@@ -117,7 +121,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
         renamed = [*renamed, *more]
     if fraction := None if set(CLOCKS) & set(names) else parted_clock(names):
         names[fraction.seconds] = "t"
-    _check_names(names, path.name)
+    _check_names(names, cells, path.name)
     refuse_pixels(unit, path.name)
     if unit and metadata.setdefault("length_unit", unit) != unit:
         raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "
@@ -130,7 +134,7 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
         table = np.delete(table, fraction.fraction, axis=1)
     above = sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in lines[:start])
     findings += [f"{above} line(s) above the table of {path.name} were skipped"] if above else []
-    findings += united + renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
+    findings += tidied + united + renamed + _changed(metadata, lines[start:]) + _misspelt(metadata)
     rows = metadata.get("rows")
     if isinstance(rows, tuple):
         table, row_notes = kept_rows(table, rows, path.name)
@@ -232,12 +236,14 @@ def _metadata(path: Path, lines: list[str]) -> tuple[dict[str, Any], int]:
     return metadata, start
 
 
-def _check_names(names: list[str], file: str) -> None:
+def _check_names(names: list[str], cells: list[str], file: str) -> None:
     if names and all(map(holds_number, names)):
         raise InputError(f"the first row of {file} holds numbers and no names: give a mapping that names its columns "
                          f"by index, 0 to {len(names) - 1}")
     if repeated := repeated_names(names):
-        raise InputError(f"{file} has repeated column names: {shorten(repeated, 5)}: rename them")
+        written = [cell for cell, name in zip(cells, names, strict=False) if name in repeated]
+        raise InputError(f"{file} has repeated column names: {shorten(repeated_names(written) or written, 5)}: rename "
+                         "them, or give a mapping that names the columns by index")
     clocks = [n for n in names if n in CLOCKS]
     if len(clocks) != 1:
         listing = shorten(names, 8)
@@ -251,6 +257,10 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     clock = next(n for n in CLOCKS if n in columns)
     labels = _station_labels(columns)
     history = list(findings)
+    if empty := [n for n, values in columns.items() if pressure_unit(n) and np.isnan(values).all()]:
+        columns = {n: values for n, values in columns.items() if n not in empty}
+        history.append(f"{len(empty)} column(s) of pressure of {file} hold no number and were left out: "
+                       f"{shorten(empty)}")
     pressure, chamber = pressures_of(columns)
     ignored = [n for n in columns if not is_known(n)]
     if ignored:
@@ -409,14 +419,16 @@ def as_json(name: str, value: Any) -> str | int | float:
 
 
 def _recognises(head: bytes) -> bool:
-    return not (head.startswith((b"Format Version", b"\xef\xbb\xbfFormat Version")) or b"\0" in head[:512])
+    zeros = b"\0" in head[:512] and not head.startswith(tuple(WIDE))
+    return not (head.startswith((b"Format Version", b"\xef\xbb\xbfFormat Version")) or zeros)
 
 
 def read_text_table(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading | xr.Dataset:
     """Read a text table by a mapping of its columns or, without one, as a wide CSV if its first row names the time."""
     if not mapping:
-        names = first_cells(path, {})
-        if any(name in CLOCKS for name in standard_names(names, path.name).names):
+        names, lines = first_cells(path, {}), table_lines(path).lines
+        separated = delimiter_of(lines[first_row(lines, preamble_of(lines))], None) is not None
+        if separated and any(name in CLOCKS for name in standard_names(names, path.name).names):
             return read_wide_csv(path)
     return read_columns(path, mapping)
 

@@ -7,7 +7,7 @@ question "?" in the proposal. Entries of the user's own mapping take precedence.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from pliant.errors import InputError
+from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
-from pliant.recording.column_names import COUNTERS, is_time, parted, parted_clock, words_of
+from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, parted_clock, unit_of, words_of
 from pliant.recording.registry import describes_columns
+from pliant.study.input_guess import input_entries, pressure_question
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import (
     PlainTable,
@@ -27,23 +28,13 @@ from pliant.study.table_columns import (
     stations_by_name,
     stations_by_standard,
 )
-from pliant.units import METRE, NEWTON, PASCAL, PIXEL, RADIAN
+from pliant.units import METRE, PIXEL
 
 Array = np.ndarray
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
 NUMBERED = re.compile(r"p\d+|base|tip")
-COMMANDED = {"desired", "des", "command", "commanded", "cmd", "set", "setpoint", "target", "ref", "reference", "goal"}
-TURNED = {"roll", "pitch", "yaw", "euler", "rx", "ry", "rz", "rot", "heading"}
 CLOCKS = ("t", "time")  # names of times that come before others, such as clock
 TRIAL = {"id", "trial", "run", "rep", "repetition", "experiment", "session", "sample"}
-UNITS = {"pressure": PASCAL, "displacement": METRE, "angle": RADIAN, "tension": NEWTON}  # the most frequent first
-WORDS = {
-    "pressure": {"pressure", "press", "chamber", "pouch", "valve", "air"},
-    "tension": {"tension", "force", "load"},
-    "steps": {"step", "steps", "stepper", "count", "counts", "tick", "ticks"},
-    "displacement": {"tendon", "cable", "wire", "stroke", "displacement", "pull", "elongation"},
-    "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo"},
-}  # fmt: skip
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
 MILLISECONDS, ROUGH = 5, 0.8  # least whole step of such times; change of successive steps of a motion, at most
 SLOW = 10  # least constant whole step of times that may be seconds as well, as in the log of a creep
@@ -129,7 +120,22 @@ def guessed_table(path: Path, stated: Mapping[str, Any] | None = None) -> TableG
         guess = None if table is None else (named if table.names else unnamed)(table, stated)
     except InputError:
         return None
+    if guess is not None and table is not None and not {"camera", "length_unit"} & set(stated):
+        refuse_units(table.names, guess.mapping, path.name)
     return None if guess is None else guess.beside(stated)
+
+
+def refuse_units(names: Sequence[str], mapping: Mapping[str, Any], file: str) -> None:
+    """Raise InputError if the names of the columns of positions state several units, or a unit that is unknown."""
+    columns = [c for station in mapping.get("stations", {}).values() for c in station["position"] if c in names]
+    stated = {name: bracketed_unit(name) or unit_of(name, METRE) for name in columns}
+    unknown = next((name for name, unit in stated.items() if unit not in ("", "-", *METRE, PIXEL)), None)
+    if unknown is not None:
+        raise InputError(f"the column {shown(unknown)} of {file} states no known unit of length, which are "
+                         f"{', '.join(METRE)}: state length_unit in the mapping")
+    if len(units := {unit for unit in stated.values() if unit}) > 1:
+        raise InputError(f"{file} states several units of length in its column names ({', '.join(sorted(units))}): "
+                         "convert the columns to one unit")
 
 
 def stated_columns(table: PlainTable, stated: Mapping[str, Any]) -> set[int]:
@@ -157,9 +163,11 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
               for name, at in stations.items()}  # fmt: skip
     used = {k for at in stations.values() for columns in at.values() for k in columns} | stated_columns(table, stated)
     used |= {k for columns in sensors.values() for k in columns}
-    clocks = [k for k, name in enumerate(table.names) if k not in used and is_time(name)]
+    clocks = [k for k, name in enumerate(table.names) if k not in used and (is_time(name) or k in table.of_day)]
     clocks.sort(key=lambda k: parted(table.names[k])[0] not in CLOCKS)
     clock = next((k for k in clocks if runs(table.values[:, k])), None)
+    if clock is None:  # read as stated, it is refused by the rows in which it goes back
+        clock = next((k for k in clocks if parted(table.names[k])[0] in CLOCKS and table.changes(k)), None)
     parts = parted_clock(table.names) if clock is None else None
     used |= {parts.seconds, parts.fraction} if parts else set()
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
@@ -241,8 +249,8 @@ def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[
     """Return the unit of the positions, by the names of their columns or else by their range, and a sentence on it."""
     columns = [k for at in stations.values() for k in at["position"]]
     if table.names:
-        units = {words_of(table.names[k])[-1] for k in columns}
-        if len(units) == 1 and (unit := units.pop()) in {*METRE, PIXEL} and len(words_of(table.names[columns[0]])) > 1:
+        units = {unit_of(table.names[k], (*METRE, PIXEL)) for k in columns}
+        if len(units) == 1 and (unit := units.pop()):
             return unit, ""
     axes = zip_longest(*(at["position"] for at in stations.values()))
     widest = max(extent(table.values[:, [k for k in axis if k is not None]]) for axis in axes)
@@ -256,54 +264,6 @@ def extent(coordinate: Array) -> float:
     """
     known = coordinate[np.isfinite(coordinate)]
     return float(np.ptp(np.percentile(known, [1, 99]))) if known.size else 0.0
-
-
-def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
-    """Return the kind and the unit ("" if unknown) of the input in column k, by unit, words and integer steps of its
-    name and values; ("", "") if nothing shows that it is an input.
-    """
-    words = words_of(table.names[k])
-    if TURNED & set(words):
-        return "", ""
-    for kind, units in UNITS.items():
-        if len(words) > 1 and words[-1] in units and (words[-1] != "m" or kind == "displacement"):
-            return kind, words[-1]
-        if len(words) <= 2 and words[0] in units and kind == "pressure":
-            return kind, words[0]
-    for kind, known in WORDS.items():
-        if known & set(words) and (kind != "steps" or table.whole(k)):
-            return ("steps" if table.whole(k) and kind in ("angle", "displacement") else kind), ""
-    return "", ""
-
-
-def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, Any], list[int], list[str]]:
-    """Return the mapping entries of the inputs in the columns, the columns that are none, and sentences. Of an input
-    that was measured, the command is left out.
-    """
-    kinds: dict[tuple[str, str], list[int]] = {}
-    left = []
-    for k in columns:
-        known = kind_of(table, k)
-        kinds.setdefault(known, []).append(k) if known[0] else left.append(k)
-    notes = []
-    for key, members in kinds.items():
-        commands = [k for k in members if COMMANDED & set(words_of(table.names[k]))]
-        if commands and len(commands) < len(members):
-            kinds[key] = [k for k in members if k not in commands]
-            notes.append(f"commands beside measured inputs are not used: {', '.join(table.names[k] for k in commands)}")
-    mapping: dict[str, Any] = {}
-    for (kind, unit), members in kinds.items():
-        names = [table.names[k] for k in members]
-        if kind == "pressure":
-            mapping["pressure"] = {"columns": names, "unit": unit or OPEN}
-            continue
-        entry = {"columns": names, "kind": "displacement" if kind == "steps" else kind,
-                 "unit": "mm" if kind == "steps" else unit or {"angle": "deg", "displacement": "mm"}.get(kind, "N")}
-        mapping.setdefault("inputs", []).append(entry)
-        if kind == "steps":
-            mapping["linear"] = {"actuation": {"scale": OPEN}} if len(kinds) == 1 else {
-                name: {"scale": OPEN} for name in names}  # fmt: skip
-    return mapping, left, notes
 
 
 def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
@@ -411,17 +371,15 @@ def asked(
         questions["time_unit"] = "unit of the times, whole numbers in equal steps without a unit: s, ms, us or ns"
     if mapping.get("camera"):
         neutral["camera"] = {"pixels_per_mm": 1.0}
-    if (pressure := mapping.get("pressure")) and pressure["unit"] == OPEN:
-        if pressure["columns"] == OPEN:
-            del neutral["pressure"]
-            questions["pressure"] = (
-                f"columns (from 0) of the measured pressures, as [4, 5], and their unit; "
-                f"{', '.join(map(str, changing))} change; of tendons: inputs = {{ columns = [4, 5], "
-                'kind = "displacement", unit = "mm" }')
-        else:
-            high = float(np.nanmax(table.values[:, [table.names.index(c) for c in pressure["columns"]]]))
-            neutral["pressure"] = {**pressure, "unit": likely_unit(high)}
-            questions["pressure"] = f"unit (gauge): kPa, mbar, bar, psi or Pa; the highest value is {high:.4g}"
+    if (pressure := mapping.get("pressure")) and pressure["columns"] == OPEN:
+        del neutral["pressure"]
+        questions["pressure"] = (
+            f"columns (from 0) of the measured pressures, as [4, 5], and their unit; "
+            f"{', '.join(map(str, changing))} change; of tendons: inputs = {{ columns = [4, 5], "
+            'kind = "displacement", unit = "mm" }')
+    elif pressure:
+        neutral["pressure"], question = pressure_question(table, pressure)
+        questions |= {"pressure": question} if question else {}
     if "linear" in mapping:
         counted = [c for one in mapping["inputs"] for c in one["columns"]
                    if "actuation" in mapping["linear"] or c in mapping["linear"]]  # fmt: skip
@@ -431,7 +389,3 @@ def asked(
         questions["linear"] = "mm of tendon for each step of the motor"
     return TableGuess(mapping, neutral, questions, tuple(n for n in notes if n), trials)
 
-
-def likely_unit(high: float) -> str:
-    """Return the unit with which a highest pressure moves a soft body: 5 to 500 kPa."""
-    return next((u for u in ("kPa", "psi", "mbar", "bar", "Pa") if 5e3 <= high * PASCAL[u.lower()] <= 5e5), "kPa")

@@ -11,6 +11,9 @@ from typing import Any, TypedDict, Unpack
 from pliant.options import with_defaults
 from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.plausibility.together import copies, exchanged
+from pliant.recording.columns import CHANGING
+from pliant.recording.inputs import recorded_inputs
+from pliant.recording.schema import history_of
 from pliant.study.doubts import body_warnings
 from pliant.study.draft_check import DraftCheck, check_draft
 from pliant.study.draft_inputs import inputs
@@ -171,6 +174,16 @@ def sentence(check: DraftCheck) -> str:
     return f"Tried {given}, this study can be run. Forecast of the time of a run: {size}.{lost}"
 
 
+def unexplained(trial: Trial) -> list[str]:
+    """Return a warning if a recording has no inputs, and its file has further columns that change: one of them may be
+    what moves the body.
+    """
+    if recorded_inputs(trial.recording) or trial.asks_inputs:
+        return []
+    return [f"{line}; if one of them moves the body, name it as pressure or inputs in a mapping"
+            for line in history_of(trial.recording) if line.startswith(CHANGING)]
+
+
 def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
     """Return the warnings about the recordings and the body, without duplicates."""
     warnings: dict[str, str] = {}
@@ -179,5 +192,6 @@ def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
         warnings |= {f"{trial.name} {check}": f"{trial.path.name}: {line}" for check, line in doubts.items()}
         for check, line in body_warnings(case, trial.grouped, trial.aligned if trial.has_scale else None).items():
             warnings.setdefault(check, line)
+    warnings |= {f"{trial.name} {CHANGING}": line for trial in trials for line in unexplained(trial)}
     aligned = {trial.name: trial.aligned for trial in trials if trial.aligned is not None}
     return (*warnings.values(), *copies({trial.name: trial.recording for trial in trials}), *exchanged(aligned))

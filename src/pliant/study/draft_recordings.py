@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pliant.preprocessing.align import without_unseen
 from pliant.preprocessing.quality import standing_stations
 from pliant.recording.typed_steps import held_sentences
 from pliant.study.draft_inputs import channels
@@ -118,7 +119,7 @@ def moving_beside(trial: Trial) -> list[str] | None:
     move; otherwise None.
     """
     if not trial.options and not trial.angles_only and trial.recording.attrs["frame"] == "tracker":
-        names = list(trial.stations) or [str(s) for s in trial.recording["station"].values]
+        names = list(trial.stations) or [str(s) for s in without_unseen(trial.recording)["station"].values]
         return names if len(names) > 1 else None
     if trial.dense or trial.angles_only or trial.aligned is None:
         return None

@@ -16,9 +16,9 @@ from pliant.identification import experiment
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Excitation
 from pliant.recording.inputs import recorded_inputs
+from pliant.study.named_levels import LEVEL, OF_TENDONS, named_tendon
 from pliant.study.toml_text import Lines
-from pliant.study.trial import LEVEL, RETURNED, Trial
-from pliant.units import METRE, NEWTON, RADIAN
+from pliant.study.trial import RETURNED, Trial
 
 Array = np.ndarray
 STILL = 0.05  # of the displacement between files: a file whose stations move less holds one pose
@@ -33,12 +33,6 @@ ZERO = 0.03  # of an input's highest value, below which it is off
 GOES_ON = 0.5  # of the largest spread of a quarter of a recording: the body moves in the others too
 GROWS = 1.05  # largest displacement of a quarter over that of the quarter before: no vibration that decays
 FEWEST_MOVING = 40  # frames that show how a motion goes on
-NAMED = re.compile(r"(?<![A-Za-z0-9.])(\d+(?:\.\d+)?)[ _-]?(N|mN|mm|cm|deg|rad)(?![A-Za-z0-9])")
-NEGATIVE = re.compile(r"[-\u2212\u2013]$")
-UNCLEAR = re.compile(  # before a number: a sign or a hyphen, a decimal comma, another number, a sign in words
-    r"(?:[^\s_(\[=][-+\u2212\u2013]|\d,|(?<![A-Za-z0-9.])(?:0|[1-9]\d*)[_ ]|(?:minus|neg|negative)[_ ])$",
-    re.IGNORECASE)
-OF_TENDONS = {"tension": ("N", NEWTON), "displacement": ("m", METRE), "angle": ("rad", RADIAN)}  # SI unit, known units
 HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment of steps and waits
 
 
@@ -108,16 +102,8 @@ def levels_comment(one: TrialOfDraft, levels: Mapping[str, float | str]) -> str:
 
 
 def named_level(trial: Trial) -> tuple[str, float] | None:
-    """Return the kind and the value [SI] of the input of a tendon that the name of a file states, such as m1_2.5N
-    or m1_-3mm; None if it states none, or if its sign or its decimals are unclear, as in motor-20deg or 2_5N.
-    """
-    stated = [*NAMED.finditer(trial.path.stem)]
-    before = trial.path.stem[: stated[-1].start()] if stated else ""
-    if not stated or UNCLEAR.search(before):
-        return None
-    number, unit = stated[-1].groups()
-    kind, scale = next((kind, units[unit.lower()]) for kind, (_, units) in OF_TENDONS.items() if unit.lower() in units)
-    return kind, float(number) * (-scale if NEGATIVE.search(before) else scale)
+    """Return the kind and the value [SI] of the input of a tendon that the name of a file states; None for others."""
+    return named_tendon(trial.path.stem)
 
 
 def named_kind(trials: Sequence[Trial]) -> str:
@@ -217,7 +203,7 @@ class WithoutCause(Kind):
 
     def evidence(self, one: TrialOfDraft) -> str:
         """Return a sentence if no input is known and the motion of the last station neither rests nor decays."""
-        if one.trial.highest_pa is not None or one.level is not None:
+        if one.trial.highest_pa is not None or one.level is not None or LEVEL.search(one.trial.path.stem):
             return ""
         goes_on = "no input was recorded, and the motion goes on to the end: no pulse and no free decay"
         return goes_on if never_ends(one.trial.last_motion) else ""
@@ -236,7 +222,8 @@ class FreeDecay(Kind):
 
     def evidence(self, one: TrialOfDraft) -> str:
         """Return a sentence if the body moves away from its first pose without a known pressure."""
-        stays = not returned(one.trial) and one.trial.highest_pa is None
+        pressed = one.trial.highest_pa is not None or LEVEL.search(one.trial.path.stem) is not None
+        stays = not returned(one.trial) and not pressed
         return "no input, and the body does not return: taken as free decay after release" if stays else ""
 
     def entries(self, out: Lines, one: TrialOfDraft) -> None:

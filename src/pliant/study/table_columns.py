@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.cells import ends_alike, is_time_of_day, with_seconds, without_trailing
+from pliant.recording.cells import ends_alike, is_time_of_day, with_seconds, with_states, without_trailing
 from pliant.recording.column_names import base_to_tip, is_no_place, standard_names, stations_of, words_of
 from pliant.recording.tables import (
     DELIMITERS,
     holds_number,
     parse_numbers,
     preamble_of,
-    read_text,
     split_cells,
     without_text,
 )
+from pliant.recording.tidy import table_lines
 from pliant.recording.units_row import with_units
 from pliant.units import METRE
 
@@ -36,11 +36,14 @@ SENSED = (re.compile(rf"(?:(?P<owner>.+?)_)?(?:imu_)?{SENSOR}(?:_m_s_?2?)?"),
 
 @dataclass(frozen=True)
 class PlainTable:
-    """Numbers (T, C) of a text table, the names of its columns ([] without a header) and its delimiter."""
+    """Numbers (T, C) of a text table, the names of its columns ([] without a header), its delimiter, and the columns
+    that hold times of day.
+    """
 
     names: list[str]
     values: Array
     delimiter: str
+    of_day: frozenset[int] = frozenset()
 
     def changes(self, k: int) -> bool:
         """Return whether column k changes."""
@@ -55,7 +58,7 @@ class PlainTable:
 
 def plain_table(path: Path) -> PlainTable | None:
     """Return the numbers of a text table whose first row may name its columns; None if it has fewer than 3 rows."""
-    lines = [line for line in read_text(path).split("\n") if line.strip() and not line.startswith("#")]
+    lines = [line for line in table_lines(path).lines if line.strip() and not line.startswith("#")]
     lines = lines[preamble_of(lines) :]
     if len(lines) < 3:
         return None
@@ -66,12 +69,14 @@ def plain_table(path: Path) -> PlainTable | None:
         first.pop()
     names = first if not any(holds_number(cell) for cell in first if cell) else []
     rows, _ = without_trailing(lines[1:] if names else lines, delimiter, len(first), path.name)
-    for k, cell in enumerate(split_cells(next(row for row in rows if row), delimiter)):
-        if is_time_of_day(cell):
-            rows, _ = with_seconds(rows, delimiter, k, path.name)
+    of_day = {k for k, cell in enumerate(split_cells(next(row for row in rows if row), delimiter))
+              if is_time_of_day(cell)}  # fmt: skip
+    for k in of_day:
+        rows, _ = with_seconds(rows, delimiter, k, path.name)
+    rows = with_states(rows, delimiter, range(len(first)))[0]
     rows = without_text(rows, delimiter, (), len(first)) if names else rows
     values = parse_numbers(rows, name=path.name, first_line=1, delimiter=delimiter, columns=len(first))
-    return PlainTable(names, values, delimiter or "space")
+    return PlainTable(names, values, delimiter or "space", frozenset(of_day))
 
 
 def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:

@@ -30,10 +30,9 @@ from pliant.study.column_guess import TableGuess
 from pliant.study.doubts import unit_warning_first
 from pliant.study.first_reading import FirstReading, WithLog, read_or_guess, several
 from pliant.study.later_rest import FIRST_FRAMES, later_rest, nearest_rest
+from pliant.study.named_levels import named_pressure
 from pliant.study.plates import RIGID_M, UNNAMED, rigid, rigid_clusters
-from pliant.units import PASCAL, pascal_per
 
-LEVEL = re.compile(rf"(\d+(?:\.\d+)?)[ _-]?({'|'.join(PASCAL)})(?![a-z])", re.IGNORECASE)
 MOVED_PLATE = 5.0  # of RIGID_M: a plate that moves farther shows that its markers keep their distances
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
 DRIVEN = 0.05  # of the widest pressure range: a pressure with a smaller range drives nothing
@@ -201,14 +200,13 @@ class Trial:
     @property
     def highest_pa(self) -> float | None:
         """Return the measured pressure farthest from 0 [Pa] or, if none was measured, the nominal pressure in the file
-        or in its name, such as 60 kPa in "pulse_60kPa". Return None if none is known.
+        or in its name, see `named_pressure`. Return None if none is known.
         """
         if "pressure" in self.recording:
             return peak(self.recording["pressure"].values)
         if "nominal_pressure" in self.recording.attrs:
             return float(self.recording.attrs["nominal_pressure"])
-        named = LEVEL.search(self.path.stem)
-        return float(named[1]) * pascal_per(named[2]) if named else None
+        return named_pressure(self.path.stem)
 
 
 def inspect_file(files: WithLog) -> list[Trial]:

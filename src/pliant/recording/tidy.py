@@ -1,0 +1,252 @@
+"""Lines of text tables as other programs write them, made into one row of names above rows of numbers. Every change is
+counted in a sentence, and the lines keep their numbers.
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import accumulate
+from typing import TYPE_CHECKING, NamedTuple
+
+from pliant.recording.column_names import bracketed_unit, is_time
+from pliant.recording.tables import (
+    DELIMITERS,
+    MOST_PREAMBLE,
+    count_cells,
+    delimiter_of,
+    encoded_text,
+    first_row,
+    holds_number,
+    joined,
+    preamble_of,
+    repeated_names,
+    split_cells,
+)
+from pliant.recording.thousands import without_thousands
+from pliant.recording.units_row import is_units_row, unit_of_cell
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+COMMENTS = ("#", "%", "//")
+SAMPLE, MOST_BELOW, NEAR = 20, 40, 3  # rows that show the delimiter; at most: rows below a table, lines to its names
+AXIS = re.compile(r"(?:.*[\W_])?[xyz](?:[\W_].*)?", re.IGNORECASE)
+SUMMARIES = {"mean", "average", "avg", "std", "stdev", "std dev", "sd", "min", "max", "minimum", "maximum", "median",
+             "sum", "total", "count", "var", "variance", "rms", "range", "mittelwert", "moyenne", "media", "end", "eof",
+             "summary", "statistics"}  # fmt: skip
+
+
+class TableText(NamedTuple):
+    """Lines of a table, and sentences for the history on what was changed in them."""
+
+    lines: list[str]
+    notes: list[str]
+
+
+def table_lines(
+    path: Path, *, skip_lines: int | None = None, delimiter: str | None = None, header: bool | None = None,
+) -> TableText:
+    """Return the lines of a text table, of which the first row that is no comment holds the names, where there are any.
+
+    Parameters
+    ----------
+    path : Path
+    skip_lines, delimiter, header : optional
+        As a mapping of the table states them.
+    """
+    text, encoding = encoded_text(path)
+    notes = [f"{path.name} is read as {encoding} text"] if encoding else []
+    lines, name = text.split("\n"), path.name
+    for k, line in enumerate(lines):
+        if line.startswith(COMMENTS[1:]):
+            lines[k] = "#" + line.lstrip("%/")
+    stated = delimiter is not None
+    for step in (names_above, one_delimiter, one_row_of_names, without_rows_below, without_comments,
+                 with_units_of_cells, without_separators):  # fmt: skip
+        first = first_row(lines, preamble_of(lines) if skip_lines is None else skip_lines)
+        if first >= len(lines):
+            break
+        mark = delimiter_of(lines[first], delimiter)
+        if (header is False and step in (names_above, one_row_of_names)) or (stated and step is one_delimiter):
+            continue
+        if skip_lines is not None and step is names_above:
+            continue
+        notes += step(lines, first, mark, name)
+    return TableText(lines, notes)
+
+
+def following(lines: Sequence[str], first: int) -> list[int]:
+    """Return the indices of the lines after `first` that are neither blank nor a comment."""
+    return [k for k in range(first + 1, len(lines)) if lines[k].strip() and not lines[k].startswith("#")]
+
+
+def is_named(cells: Sequence[str]) -> bool:
+    """Return whether a row of cells holds words and no number."""
+    return any(cells) and not any(holds_number(cell) for cell in cells if cell)
+
+
+def names_above(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Take the names of columns from a comment above rows of numbers, or from a line with another delimiter, if it has
+    as many cells as these rows, and one that says time or a coordinate.
+    """
+    width = count_cells(lines[first], mark)
+    if width < 2 or is_named(split_cells(lines[first], mark)):
+        return []
+    above = [k for k in range(min(first, MOST_PREAMBLE)) if lines[k].strip()]
+    for k in reversed(above[-NEAR:]):
+        text = lines[k].lstrip("#").strip()
+        for candidate in (mark, *DELIMITERS, None):
+            cells = split_cells(text, candidate)
+            if len(cells) == width and is_named(cells) and any(is_time(c) or AXIS.fullmatch(c) for c in cells):
+                lines[k] = as_row(cells, mark)
+                return [f"line {k + 1} of {name}, above rows of numbers, holds the names of its columns"]
+    return []
+
+
+def as_row(names: Sequence[str], mark: str | None) -> str:
+    """Return names of columns as a row; blanks in a table that they separate become underscores."""
+    return joined(names if mark else ["_".join(cell.split()) for cell in names], mark)
+
+
+def one_delimiter(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Write the names with the delimiter of the rows below, where it is another; of two delimiters behind each cell,
+    leave one.
+    """
+    rows = following(lines, first)
+    shown = [lines[k] for k in rows[:SAMPLE]]
+    if not shown:
+        return []
+    for one in DELIMITERS:
+        for other in DELIMITERS:
+            pair = one + other
+            if one != other and all(0 < line.count(pair) == line.count(one) == line.count(other)
+                                    for line in (lines[first], *shown)):  # fmt: skip
+                lines[first:] = [line.replace(pair, one) for line in lines[first:]]
+                return [f"cells of {name} end with two delimiters, {pair!r}: the second was left out"]
+    cells = split_cells(lines[first], mark)
+    if not is_named(cells) or len(cells) < 2 or any(count_cells(line, mark) == len(cells) for line in shown):
+        return []
+    for candidate in (*DELIMITERS, None):
+        if all(count_cells(line, candidate) == len(cells) for line in shown):
+            lines[first] = as_row(cells, candidate)
+            return [f"the names of the columns of {name} have another delimiter than its rows"]
+    return []
+
+
+def one_row_of_names(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Join two rows of names: that of bodies, which is blank or repeated beside their other coordinates, and that of
+    the coordinates. Coordinates that repeat without names of bodies belong to bodies with numbers.
+    """
+    cells, below = split_cells(lines[first], mark), following(lines, first)
+    if not is_named(cells) or not below:
+        return []
+    upper = next((k for k in range(first - 1, -1, -1) if lines[k].strip() and not lines[k].startswith("#")), None)
+    next_cells = split_cells(lines[below[0]], mark)
+    if repeated_names(cells) and is_named(next_cells) and len(next_cells) == len(cells) \
+            and not is_units_row(cells, next_cells):
+        rows = (first, below[0])
+    elif repeated_names(cells) and upper is not None and mark is not None and mark in lines[upper]:
+        rows = (upper, first)
+    else:
+        return numbered(lines, first, cells, mark, name)
+    bodies, parts = (split_cells(lines[k], mark) for k in rows)
+    bodies += [""] * (len(parts) - len(bodies))
+    spread = list(accumulate(bodies, body_before))
+    names = [part if not body or part == body else f"{body}_{part}" if part else body
+             for body, part in zip(spread, parts, strict=False)]  # fmt: skip
+    if len(bodies) != len(parts) or repeated_names(names) or not all(names):
+        return numbered(lines, first, cells, mark, name)
+    lines[rows[0]], lines[rows[1]] = "", joined(names, mark)
+    return [f"lines {rows[0] + 1} and {rows[1] + 1} of {name} name its columns together, such as {names[-2][:40]}"]
+
+
+def body_before(before: str, body: str) -> str:
+    """Return the name of a body or, for a blank cell, of the one before."""
+    return body or before
+
+
+def numbered(lines: list[str], first: int, cells: list[str], mark: str | None, name: str) -> list[str]:
+    """Number the bodies of coordinates that repeat, such as x, y, z, x, y, z."""
+    axes = [re.fullmatch(r"([xyz])(?:\W.*)?", cell, re.IGNORECASE) for cell in cells]
+    letters = [match[1].lower() for match in axes if match]
+    count = letters.count("x")
+    if count < 2 or letters.count("y") != count or letters.count("z") not in (0, count):
+        return []
+    seen: dict[str, int] = {}
+    for k, match in enumerate(axes):
+        if match:
+            letter = match[1].lower()
+            seen[letter] = seen.get(letter, 0) + 1
+            cells[k] = f"p{seen[letter]}_{cells[k]}"
+    lines[first] = joined(cells, mark)
+    return [f"{count} columns x of {name} are those of bodies p1 to p{count}, from base to tip as they stand"]
+
+
+def without_rows_below(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Leave out the rows below a table, such as means and deviations, from the first one on that begins with such a
+    word, or that holds words alone and has another number of cells.
+    """
+    rows = following(lines, first)
+    if len(rows) < 2:
+        return []
+    width = count_cells(lines[rows[0]], mark)
+    begins = split_cells(lines[rows[0]], mark)[0].lower()
+    for k in rows[1:][-MOST_BELOW:]:
+        if lines[k][:1].isdigit():
+            continue
+        cells = split_cells(lines[k], mark)
+        label = cells[0].lower().rstrip(":.")
+        alone = len(cells) != width and is_named(cells)
+        if (label in SUMMARIES and begins not in SUMMARIES) or alone:
+            below = [row for row in rows if row >= k]
+            for row in below:
+                lines[row] = ""
+            where = f"from line {k + 1} on, which begins with {cells[0][:40]!r}"
+            return [f"{len(below)} row(s) below the table of {name} are left out, {where}"]
+    return []
+
+
+def without_comments(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Leave out comments between the rows of a table, and rows that repeat its names. A comment behind a blank line
+    begins another table, which is not joined to the first.
+    """
+    named = is_named(split_cells(lines[first], mark))
+    begin = next(iter(following(lines, first)), first) if named else first
+    comments = [k for k in range(first + 1, len(lines))
+                if lines[k].startswith("#") and (k < begin or lines[k - 1].strip())]  # fmt: skip
+    repeats = [k for k in range(first + 1, len(lines)) if named and lines[k] == lines[first]]
+    for k in (*comments, *repeats):
+        lines[k] = ""
+    groups = {"are comments among its rows": comments, "repeat the names of its columns": repeats}
+    return [f"{len(places)} line(s) of {name} {what} and are left out, the first in line {places[0] + 1}"
+            for what, places in groups.items() if places]  # fmt: skip
+
+
+def with_units_of_cells(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Move units that stand behind each number of a column into its name, as where a cell is 12.5 mm."""
+    names, rows = split_cells(lines[first], mark), following(lines, first)
+    if mark is None or not rows or not is_named(names):
+        return []
+    cells = split_cells(lines[rows[0]], mark)
+    units = {k: unit for k, cell in enumerate(cells) if k < len(names) and (unit := unit_of_cell(cell))}
+    split = {row: split_cells(lines[row], mark) for row in rows} if len(units) > 1 else {}
+    units = {k: unit for k, unit in units.items() if all(
+        len(one) <= k or not one[k] or one[k].endswith(unit) for one in split.values())}  # fmt: skip
+    if len(units) < 2:
+        return []
+    for row, one in split.items():
+        lines[row] = joined([cell.removesuffix(units[k]).rstrip() if k in units else cell
+                             for k, cell in enumerate(one)], mark)  # fmt: skip
+    titled = [f"{title} [{units[k]}]" if k in units and not bracketed_unit(title) else title
+              for k, title in enumerate(names)]  # fmt: skip
+    lines[first] = joined(titled, mark)
+    return [f"the units in the cells of {len(units)} column(s) of {name} are read as those of the columns"]
+
+
+def without_separators(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Leave out marks between thousands, see `without_thousands`."""
+    rows, notes = without_thousands(lines[first + 1 :], mark, name)
+    if notes:
+        lines[first + 1 :] = rows
+    return notes

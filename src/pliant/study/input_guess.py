@@ -1,0 +1,179 @@
+"""Columns of a table that nobody described in which actuation inputs are: their kind, unit and scale, from names, units
+and values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pliant.recording.column_names import NOT_INSIDE, bracketed_unit, unit_of, words_of
+from pliant.study.shorthand import OPEN
+from pliant.study.table_columns import PlainTable
+from pliant.units import METRE, NEWTON, PASCAL, RADIAN, absolute_unit, pascal_per
+
+COMMANDED = {"desired", "des", "command", "commanded", "cmd", "set", "setpoint", "target", "ref", "reference", "goal"}
+TURNED = {"roll", "pitch", "yaw", "euler", "rx", "ry", "rz", "rot", "heading"}
+UNITS = {"pressure": PASCAL, "displacement": METRE, "angle": RADIAN, "tension": NEWTON}  # the most frequent first
+WORDS = {
+    "pressure": {"pressure", "press", "chamber", "pouch", "valve", "air"},
+    "tension": {"tension", "force", "load"},
+    "steps": {"step", "steps", "stepper", "count", "counts", "tick", "ticks"},
+    "displacement": {"tendon", "cable", "wire", "stroke", "displacement", "pull", "elongation"},
+    "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo"},
+}  # fmt: skip
+DEFAULT_UNITS = {"angle": "deg", "displacement": "mm", "tension": "N"}
+DEGREES, TWO_TURNS = {"angle", "theta", "phi", "servo"}, 720.0  # names of angles, which may be whole degrees
+METRES = 0.5  # a smaller range of displacements without a unit is in metres
+VALVES = {*WORDS["pressure"], "p", "solenoid", "pwm", "duty", "regulator", "pump", "compressor", "inflate", "inflation"}
+ABSOLUTES = {"abs", "absolute"}
+PERCENT = {"%", "percent", "pct"}  # of a valve's duty or opening, which is 0 without pressure
+COUNTED = {"v", "volt", "volts", "mv", "ma", "counts", "count", "adc", "dac", "raw", "bit", "bits", "lsb"}
+ZERO = "the reading at rest at atmospheric pressure"
+RAW, ABSOLUTE = "raw", "absolute"  # kinds of columns that become gauge pressures by numbers that a laboratory knows
+
+
+def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
+    """Return the kind and the unit ("" if unknown) of the input in column k, by unit, words and integer steps of its
+    name and values; ("", "") if nothing shows that it is an input.
+
+    The kind of a valve's state or duty, and of a pressure sensor's volts or counts, is `RAW`, with their unit.
+    """
+    name, words = table.names[k], words_of(table.names[k])
+    raw = ("", "") if TURNED & set(words) else pneumatic(table, k)
+    if raw is not None:
+        return raw
+    for kind, units in UNITS.items():
+        if len(words) > 1 and (unit := unit_of(name, units)) and (unit != "m" or kind == "displacement"):
+            return kind, unit
+        if len(words) <= 2 and words and words[0] in units and kind == "pressure":
+            return kind, words[0]
+    if DEGREES & set(words) and np.nanmax(np.abs(table.values[:, k])) <= TWO_TURNS:
+        return "angle", ""
+    for kind, known in WORDS.items():
+        if known & set(words) and (kind != "steps" or table.whole(k)):
+            return ("steps" if table.whole(k) and kind in ("angle", "displacement") else kind), ""
+    return "", ""
+
+
+def pneumatic(table: PlainTable, k: int) -> tuple[str, str] | None:
+    """Return the kind and the unit of a column k with an absolute pressure, or with the state or reading of a valve or
+    pressure sensor in a unit that is none of pressure; None for another column.
+    """
+    name = table.names[k]
+    words = [part for word in words_of(name) for part in (word, word.rstrip("0123456789"))]
+    stated = bracketed_unit(name)
+    of_pressure = unit_of(name, PASCAL) or next((w for w in words if w in PASCAL and w != "atm"), "")
+    if unit := absolute_unit(stated) or (of_pressure if ABSOLUTES & set(words) else ""):
+        return ABSOLUTE, unit
+    if of_pressure or not VALVES & set(words):
+        return None
+    known = table.values[np.isfinite(table.values[:, k]), k]
+    if set(np.unique(known)) == {0.0, 1.0}:
+        return RAW, "0 or 1"
+    unit = next((u for u in (stated, *words) if u in COUNTED | PERCENT), "%" if "%" in name else "")
+    return (RAW, "%" if unit in PERCENT else unit) if unit else None
+
+
+def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, Any], list[int], list[str]]:
+    """Return the mapping entries of the inputs in the columns, the columns that are none, and sentences. Of an input
+    that was measured, the command is left out, as is a supply or an atmosphere beside the pressures of a body.
+    """
+    kinds: dict[tuple[str, str], list[int]] = {}
+    left, notes = [], []
+    for k in columns:
+        known = kind_of(table, k)
+        kinds.setdefault(known, []).append(k) if known[0] else left.append(k)
+    for names, what in ((COMMANDED, "commands beside measured inputs"), (None, "supplies beside pressures of a body")):
+        for key, members in kinds.items():
+            idle = [k for k in members if (names & set(words_of(table.names[k])) if names else is_outside(table, k))]
+            if idle and len(idle) < len(members):
+                kinds[key] = [k for k in members if k not in idle]
+                notes.append(f"{what} are not used: {', '.join(table.names[k] for k in idle)}")
+    pressures = {unit: members for (kind, unit), members in kinds.items() if kind == "pressure"}
+    signals = {key: members for key, members in kinds.items() if key[0] in (RAW, ABSOLUTE)}
+    if pressures and signals:
+        unused = ", ".join(table.names[k] for members in signals.values() for k in members)
+        notes.append(f"valves and sensors beside measured pressures are not used: {unused}")
+    mapping: dict[str, Any] = {}
+    if pressures:
+        mapping["pressure"] = pressure_entry(table, pressures)
+    elif signals:
+        (kind, unit), members = next(iter(signals.items()))
+        mapping["pressure"] = signal_entry([table.names[k] for k in members], kind, unit)
+    others = {key: members for key, members in kinds.items() if key[0] not in ("pressure", RAW, ABSOLUTE)}
+    for (kind, unit), members in others.items():
+        entry, note = input_entry(table, members, kind, unit)
+        mapping.setdefault("inputs", []).append(entry)
+        notes += [note] if note else []
+        if kind == "steps":
+            mapping["linear"] = {"actuation": {"scale": OPEN}} if len(kinds) == 1 else {
+                name: {"scale": OPEN} for name in entry["columns"]}  # fmt: skip
+    return mapping, left, notes
+
+
+def is_outside(table: PlainTable, k: int) -> bool:
+    """Return whether the name of a column says a pressure that is not in the body, such as a supply."""
+    return NOT_INSIDE.fullmatch(table.names[k]) is not None and not COMMANDED & set(words_of(table.names[k]))
+
+
+def pressure_entry(table: PlainTable, groups: Mapping[str, Sequence[int]]) -> dict[str, Any]:
+    """Return the entry `pressure` for columns by their unit ("" if unknown): in this unit or, of several, in Pa."""
+    columns = [table.names[k] for members in groups.values() for k in members]
+    if len(groups) == 1:
+        return {"columns": columns, "unit": next(iter(groups)) or OPEN}
+    if "" in groups:
+        return pressure_entry(table, {unit: members for unit, members in groups.items() if unit})
+    scale = [pascal_per(unit) for unit, members in groups.items() for _ in members]
+    return {"columns": columns, "unit": "Pa", "scale": scale}
+
+
+def signal_entry(columns: list[str], kind: str, unit: str) -> dict[str, Any]:
+    """Return the entry `pressure` for columns that become gauge pressures by numbers that only the laboratory knows."""
+    if kind == ABSOLUTE:
+        return {"columns": columns, "unit": unit, "zero": OPEN}
+    return {"columns": columns, "unit": "kPa", "scale": OPEN, **({"zero": OPEN} if unit in COUNTED else {})}
+
+
+def input_entry(table: PlainTable, members: Sequence[int], kind: str, unit: str) -> tuple[dict[str, Any], str]:
+    """Return an entry of `inputs` for columns of one kind, and a sentence if their unit was assumed."""
+    names = [table.names[k] for k in members]
+    if kind == "steps":
+        return {"columns": names, "kind": "displacement", "unit": "mm"}, ""
+    if unit:
+        return {"columns": names, "kind": kind, "unit": unit}, ""
+    widest = float(np.nanmax(np.abs(table.values[:, list(members)])))
+    unit = "m" if kind == "displacement" and widest < METRES else DEFAULT_UNITS[kind]
+    note = f"{', '.join(names)}: taken in {unit}, as no name states a unit; correct unit if they are not"
+    return {"columns": names, "kind": kind, "unit": unit}, note
+
+
+def pressure_question(table: PlainTable, pressure: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    """Return the entry `pressure` with values assumed for its open numbers, and the question about them ("" if none is
+    open).
+    """
+    columns = [table.names.index(c) for c in pressure["columns"]]
+    values = table.values[:, columns]
+    high = float(np.nanmax(values))
+    if pressure["unit"] == OPEN:
+        return ({**pressure, "unit": likely_unit(high)},
+                f"unit (gauge): kPa, mbar, bar, psi or Pa; the highest value is {high:.4g}")  # fmt: skip
+    if "scale" in pressure and pressure["scale"] == OPEN:
+        low = float(np.nanmin(values)) if "zero" in pressure else 0.0
+        zeros = {"zero": low} if "zero" in pressure else {}
+        asked = f"; zero: {ZERO}" if zeros else "; of a valve or duty: the supply pressure over its highest value"
+        return {**pressure, **zeros, "scale": 50.0 / ((high - low) or 1.0)}, \
+            f"scale: kPa for each 1 of {pressure['columns'][0]}, whose highest value is {high:.4g}{asked}"
+    if pressure.get("zero") == OPEN:
+        unit = pressure["unit"]
+        atmosphere = 101325.0 / pascal_per(unit)
+        return {**pressure, "zero": atmosphere}, (f"zero: the atmosphere in {unit}, near {atmosphere:.4g}, since the "
+                                                  f"name says absolute pressure; the lowest is {np.nanmin(values):.4g}")
+    return dict(pressure), ""
+
+
+def likely_unit(high: float) -> str:
+    """Return the unit with which a highest pressure moves a soft body: 5 to 500 kPa."""
+    return next((u for u in ("kPa", "psi", "mbar", "bar", "Pa") if 5e3 <= high * PASCAL[u.lower()] <= 5e5), "kPa")
