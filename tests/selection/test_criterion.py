@@ -21,7 +21,7 @@ from pliant.selection.criterion import (
 from pliant.selection.fitted import FittedModel, percent_of
 from pliant.selection.screen import condensed, joined, within
 from pliant.selection.search import at_bounds
-from pliant.selection.terms import Term
+from pliant.selection.terms import Term, creep
 
 SMALL = 1e-4  # size of the parameters in units of their typical size, so that the weak prior does not count
 
@@ -110,6 +110,19 @@ def test_a_term_that_ends_at_a_bound_is_named():
     assert at_bounds(fit, soft) == ["stiffening"]
     fit.values["stiffening"] = -1.0
     assert at_bounds(fit, soft) == []
+
+
+def test_a_time_as_long_as_the_recordings_stands_for_longer_ones():
+    long = creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), 120.0)
+    assert [row["creep_time_1"] for row in long.grid] == [0.1, 0.7, 5.0, 120.0]
+    share, time = (p.with_(value=p.upper) for p in long.adds)
+    assert time.upper == 120.0
+    problem = SimpleNamespace(free=[share, time])
+    fit = SimpleNamespace(problem=problem, values={p.name: p.value for p in (share, time)})
+    assert at_bounds(fit, long) == ["creep_share_1"]
+    short = creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), 9.0)
+    assert [row["creep_time_1"] for row in short.grid] == [0.1, 0.7, 5.0]
+    assert not short.limits
 
 
 def test_a_recording_beyond_the_others_does_not_outweigh_them():

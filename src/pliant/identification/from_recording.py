@@ -13,7 +13,7 @@ from pliant.errors import InputError
 from pliant.identification.drives import drives_of, driving, only_input
 from pliant.identification.edges import held_pose
 from pliant.identification.experiment import Excitation, Experiment, FurtherRows
-from pliant.identification.starts import Moving, begins_in_motion
+from pliant.identification.starts import AtPose, AtRest, Moving, begins_in_motion, shows_start
 from pliant.preprocessing.side import x_sign
 from pliant.recording.inputs import CUTOFF, base_moves
 from pliant.recording.schema import check_recording, recorded_further
@@ -24,7 +24,8 @@ Array = np.ndarray
 Held = Literal["unloaded", "measured"]
 Poses = bool | Literal["median"]
 Angles = bool | Literal["only"]
-Start = Literal["rest", "moving"]
+Start = Literal["rest", "pose", "moving"]
+STARTS: dict[Start, AtRest] = {"rest": AtRest(), "pose": AtPose(), "moving": Moving()}
 
 
 def experiment(
@@ -70,9 +71,10 @@ def experiment(
         median is used.
     inputs : dict, optional
         Constant value of each input of the model, SI, for a recording without inputs; others are 0.
-    start : {"rest", "moving"}, optional
-        Whether the simulation of the recording starts at rest under its first inputs, or with the pose and the rates of
-        its first frames. Default: "moving" if these show a motion, see `starts.begins_in_motion`.
+    start : {"rest", "pose", "moving"}, optional
+        Whether the simulation of the recording starts at rest under its first inputs, at rest in the pose of its first
+        frames, or with the pose and the rates of these. Default: "moving" if they show a motion, see
+        `starts.begins_in_motion`; else "pose" for positions with a `warm_up`; else "rest".
     warm_up : float
         Time from the first frame on, s, that is simulated but not compared with the model.
 
@@ -117,9 +119,15 @@ def experiment(
         further={name: FurtherRows(*both) for name, both in recorded_further(recording, used).items()},
         base=base_of(recording),
     )
-    if start == "moving" or (start is None and begins_in_motion(exp)):
-        exp = replace(exp, start=Moving())
+    exp = replace(exp, start=STARTS[start or usual_start(exp)])
     return replace(exp, held=held_pose(exp)) if held == "measured" else exp
+
+
+def usual_start(exp: Experiment) -> Start:
+    """Return how the simulation of an experiment starts unless it is stated."""
+    if begins_in_motion(exp):
+        return "moving"
+    return "pose" if exp.warm_up and shows_start(exp) else "rest"
 
 
 def one_pose(recording: xr.Dataset) -> xr.Dataset:
