@@ -43,7 +43,7 @@ def test_creep_from_before_the_recording_is_predicted_from_its_first_pose(space:
     errors = {}
     for start in (AtRest(), AtPose()):
         off = np.linalg.norm(predict(model, replace(exp, start=start), {}, 2e-3)["position"] - true, axis=2)
-        errors[start.from_rest] = float(np.sqrt(np.mean(off[TIME > exp.warm_up] ** 2)))
+        errors[start.from_rest] = float(np.sqrt(np.mean(off[exp.warm_up < TIME] ** 2)))
     assert errors[False] < 0.1 * errors[True]
 
 

@@ -191,8 +191,8 @@ def start_note(exp: Any) -> str:
         notes.append(f"the recording begins in motion ({exp.stations[-1]} at {speed:.3g} mm/s): its simulation starts "
                      "from the pose and the rates of the first frames, not at rest under the first inputs")  # fmt: skip
     elif not exp.start.from_rest:
-        notes.append("its simulation starts where the body was left, in the pose of the first frames, not at rest under "
-                     "the first inputs")  # fmt: skip
+        notes.append("its simulation starts where the body was left, in the pose of the first frames, not at rest "
+                     "under the first inputs")  # fmt: skip
     if exp.warm_up:
         notes.append(f"the first {exp.warm_up:.4g} s, {int(exp.warming.sum())} of {exp.time.size} frames, are a "
                      "warm-up: they are simulated, but have no weight in fits and errors")  # fmt: skip
