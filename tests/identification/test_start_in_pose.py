@@ -75,5 +75,5 @@ def test_the_first_pose_needs_no_different_frames() -> None:
     exp, true = recorded(body(False))
     still = true.copy()
     still[TIME < 1.0] = true[0]
-    (place,) = replace(exp, position=still, start=AtPose()).start.shown(exp).position
-    np.testing.assert_allclose(place, true[0, 0], atol=1e-4)
+    (place,) = AtPose().shown(replace(exp, position=still)).position
+    np.testing.assert_allclose(place, true[0, 0], atol=1e-12)
