@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pliant.identification import Experiment, Parameter
+from pliant.identification.residuals import Observations
 from pliant.selection.criterion import (
     FEWEST_BLOCKS,
     MOST_BLOCKS,
@@ -21,7 +22,7 @@ from pliant.selection.criterion import (
 from pliant.selection.fitted import FittedModel, percent_of
 from pliant.selection.screen import condensed, joined, within
 from pliant.selection.search import at_bounds
-from pliant.selection.terms import Term
+from pliant.selection.terms import Term, creep
 
 SMALL = 1e-4  # size of the parameters in units of their typical size, so that the weak prior does not count
 
@@ -112,13 +113,50 @@ def test_a_term_that_ends_at_a_bound_is_named():
     assert at_bounds(fit, soft) == []
 
 
+def test_a_time_as_long_as_the_recordings_stands_for_longer_ones():
+    long = creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), 120.0)
+    assert [row["creep_time_1"] for row in long.grid] == [0.1, 0.7, 5.0, 120.0]
+    share, time = (p.with_(value=p.upper) for p in long.adds)
+    assert time.upper == 120.0
+    problem = SimpleNamespace(free=[share, time])
+    fit = SimpleNamespace(problem=problem, values={p.name: p.value for p in (share, time)})
+    assert at_bounds(fit, long) == ["creep_share_1"]
+    short = creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), 9.0)
+    assert [row["creep_time_1"] for row in short.grid] == [0.1, 0.7, 5.0]
+    assert not short.limits
+
+
 def test_a_recording_beyond_the_others_does_not_outweigh_them():
-    problem, groups = SimpleNamespace(observed=[1] * 4), np.repeat(np.arange(4), 5)
+    moves = SimpleNamespace(motion=np.inf)
+    problem, groups = SimpleNamespace(observed=[moves] * 4), np.repeat(np.arange(4), 5)
     errors = np.repeat([1.0, 1.0, 1.0, 1000.0], 5)
     better = np.repeat([0.5, 0.5, 0.5, 1100.0], 5)
     assert criterion(problem, better, groups) < 0.5 * criterion(problem, errors, groups)
-    few = SimpleNamespace(observed=[1] * 2)
+    few = SimpleNamespace(observed=[moves] * 2)
     assert criterion(few, better, groups) > criterion(few, errors, groups)
+
+
+def test_a_recording_that_no_model_predicts_has_no_say():
+    """Of errors above its motion it does not matter how far above; below, it counts as every other recording."""
+    problem = SimpleNamespace(observed=[SimpleNamespace(motion=500.0)] * 4)  # 10 in each of five residuals
+    groups = np.repeat(np.arange(4), 5)
+    far = np.repeat([1.0, 1.0, 1.0, 100.0], 5)
+    nearer, worse = np.repeat([1.0, 1.0, 1.0, 20.0], 5), np.repeat([1.1, 1.1, 1.0, 20.0], 5)
+    assert criterion(problem, nearer, groups) == criterion(problem, far, groups)
+    assert criterion(problem, worse, groups) > criterion(problem, far, groups)
+    assert criterion(problem, np.repeat([1.0, 1.0, 1.0, 5.0], 5), groups) < criterion(problem, far, groups)
+    assert criterion(problem, 100 * worse, groups) > criterion(problem, 100 * nearer, groups), "where all are far off"
+
+
+@pytest.mark.parametrize("space", [False, True])
+def test_the_motion_is_the_error_of_a_body_that_stands_still(rng, space):
+    size = 3 if space else 2
+    path = rng.normal(size=(30, 1, size))
+    path[3] = np.nan
+    one = Observations(Experiment("x", np.arange(30) / 10, path, ("tip",), "step", level=1e4), "travel")
+    still = np.broadcast_to(np.nanmean(path, axis=0), path.shape)
+    rows = np.concatenate([still, np.zeros((30, 1, 3 - size))], axis=2)
+    assert one.motion == pytest.approx(float(np.sum(one.residual(rows) ** 2)))
 
 
 @pytest.mark.parametrize(("lower", "upper", "begin", "end", "part"), [

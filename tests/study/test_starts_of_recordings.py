@@ -85,6 +85,13 @@ def test_a_part_of_a_recording_starts_in_motion_unless_the_study_says_otherwise(
     assert late < wrong
 
 
+def test_a_recording_may_start_in_the_pose_of_its_first_frames(folder: Path) -> None:
+    text, _ = ran(folder, 'start = "pose"')
+    assert "late: its simulation starts where the body was left, in the pose of the first frames" in text
+    text, _ = ran(folder, "warm_up = 0.4")
+    assert "late: the recording begins in motion" in text, "a motion is known better than by its pose"
+
+
 def test_a_wrong_start_is_refused(folder: Path) -> None:
     for entries, message in (('start = "sitting"', "start"), ("warm_up = 9.0", "shorter than the recording"),
                              ("every = 0", "every")):  # fmt: skip

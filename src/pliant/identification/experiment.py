@@ -128,8 +128,8 @@ class Experiment(Shown):
     x_sign : {1, -1}
         -1 where the base frame is turned by pi about the base tangent against the recording's own axes.  # D4
     start : AtRest
-        Start state of simulations, `starts.AtRest` or `starts.Moving`; the latter for a recording of positions under
-        measured inputs that begins in motion.
+        Start state of simulations, `starts.AtRest`, or for a recording of positions under measured inputs
+        `starts.AtPose`, where the body was left, or `starts.Moving`, in motion.
     warm_up : float
         Time from the first frame on, s, that is simulated but not compared with the model. For a recording under
         measured inputs whose first motion depends on what happened before it.

@@ -118,6 +118,17 @@ class Observations:
         mine = (self.station >= first) & (self.station < first + len(self.exp.stations))
         return mine & ((self.channel == 2) == (self.exp.alone == "angle")) if self.planar and not first else mine
 
+    @property
+    def motion(self) -> float:
+        """Return the sum of squared residuals of a body that stands still in the mean of its observed positions and
+        angles; inf with values of further kinds.
+        """
+        if self.more:
+            return float("inf")
+        middle = np.nan_to_num(self.data).sum(axis=0) / np.maximum(self.seen.sum(axis=0), 1)
+        away = (self.data - middle)[self.seen] * self.flat_weight
+        return float(np.sum(away**2))
+
     def residual(self, rows: Array) -> Array:
         """Return the N weighted residuals (N,): modelled positions and angles (T, S, 3) of S stations in T frames,
         minus the N observed values.

@@ -1,4 +1,4 @@
-"""States in which a recording begins: at rest under its first inputs, or in motion."""
+"""States in which a recording begins: at rest under its first inputs, where the body was left, or in motion."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ class AtRest:
         return StartState(x, np.zeros(chain.size))
 
 
-class Moving(AtRest):
-    """The start of a recording in motion: the pose and the rates that its first frames show.
+class AtPose(AtRest):
+    """The start of a recording of a body that stands where it was left, in the pose that its first frames show.
 
-    What the stations leave open is as in the equilibrium under the first inputs, and as little in motion as possible.
-    Creep is relaxed at the pose.
+    What the stations leave open is as in the equilibrium under the first inputs. Creep is relaxed at the pose: what
+    happened before the recording goes on in the motion for as long as the creep lasts.
     """
 
     from_rest = False
@@ -69,14 +69,32 @@ class Moving(AtRest):
         plans: Plans,
     ) -> StartState:
         """Return the state in which the chain is nearest to the equilibrium under `inputs` (C,) [SI] and `load`, and
-        its S points move as the first frames of the experiment show.
+        its S points are and move as the first frames of the experiment show.
         """
-        first, points = first_motion(exp), [model_at.points[name] for name in exp.stations]
+        first, points = self.shown(exp), [model_at.points[name] for name in exp.stations]
         shift = np.array([params.get(f"base_{axis}", 0.0) for axis in "xyz"[: exp.dimension]])
         chain = mechanics_of(model_at.model.with_(stations=tuple(points)))
         x = super().state(model_at, exp, params, inputs, load, plans).x
         q = pose_through(chain, first.position - shift, plans.poses, chain.joint_coordinates(x))
         return StartState(chain.coordinates(q), chain.from_joints @ rates_through(chain, q, first.velocity))
+
+    def shown(self, exp: Any) -> FirstMotion:
+        """Return the positions of the stations of an experiment in the first frames that show them, at rest."""
+        places = [place[time <= time[0] + LEAST_TIME].mean(axis=0)
+                  for time, place in (distinct_frames(exp, k) for k in range(len(exp.stations)))]  # fmt: skip
+        return FirstMotion(np.array(places), np.zeros((len(places), exp.dimension)))
+
+
+class Moving(AtPose):
+    """The start of a recording in motion: the pose and the rates that its first frames show.
+
+    What the stations leave open is as in the equilibrium under the first inputs, and as little in motion as possible.
+    Creep is relaxed at the pose.
+    """
+
+    def shown(self, exp: Any) -> FirstMotion:
+        """Return the positions and velocities of the stations of an experiment at its first frame."""
+        return first_motion(exp)
 
 
 def first_motion(exp: Any) -> FirstMotion:
@@ -140,18 +158,24 @@ def may_move(exp: Any) -> bool:
     return exp.excitation == "trace" and not (exp.poses or exp.own_places or exp.without_positions)
 
 
+def shows_start(exp: Any) -> bool:
+    """Return whether all stations of an experiment that can begin in a pose are seen early in it."""
+    return may_move(exp) and all(
+        distinct_frames(exp, k)[0][0] - exp.time[0] <= LATEST for k in range(len(exp.stations)))
+
+
 def check_start(exp: Any) -> None:
-    """Raise InputError if an experiment that begins in motion has no measured inputs or positions, or shows a station
-    too late.
+    """Raise InputError if an experiment that does not begin at rest has no measured inputs or positions, or if one that
+    begins in motion shows a station in too few frames.
     """
     if exp.start.from_rest:
         return
     if not may_move(exp):
         raise InputError(
-            f"experiment {exp.name}: only a recording of positions under measured inputs can begin in motion, without "
-            "poses and own_places: leave out start, or the others"
+            f"experiment {exp.name}: only a recording of positions under measured inputs can begin in motion or in a "
+            "pose, without poses and own_places: leave out start, or the others"
         )
-    for k, station in enumerate(exp.stations):
+    for k, station in enumerate(exp.stations if isinstance(exp.start, Moving) else ()):
         if len(first_frames(exp, k)[0]) < LEAST_FRAMES:
             raise InputError(
                 f"experiment {exp.name}: station {station!r} shows fewer than {LEAST_FRAMES} different positions, too "
@@ -160,12 +184,15 @@ def check_start(exp: Any) -> None:
 
 
 def start_note(exp: Any) -> str:
-    """Return sentences on the start in motion and the warm-up of an experiment, '' for one that has neither."""
+    """Return sentences on the start and the warm-up of an experiment, '' for one that begins at rest and has none."""
     notes = []
-    if not exp.start.from_rest:
+    if isinstance(exp.start, Moving):
         speed = 1e3 * np.linalg.norm(first_motion(exp).velocity[-1])
         notes.append(f"the recording begins in motion ({exp.stations[-1]} at {speed:.3g} mm/s): its simulation starts "
                      "from the pose and the rates of the first frames, not at rest under the first inputs")  # fmt: skip
+    elif not exp.start.from_rest:
+        notes.append("its simulation starts where the body was left, in the pose of the first frames, not at rest "
+                     "under the first inputs")  # fmt: skip
     if exp.warm_up:
         notes.append(f"the first {exp.warm_up:.4g} s, {int(exp.warming.sum())} of {exp.time.size} frames, are a "
                      "warm-up: they are simulated, but have no weight in fits and errors")  # fmt: skip

@@ -68,11 +68,14 @@ def criterion(problem: Problem, predicted: Float[Array, " N"], groups: Float[Arr
     """Return the sum of squares of the residuals (N,) of `groups` as predicted by `left_out`, the smaller the better.
 
     With whole recordings left out, it is the geometric mean of the recordings' sums: a recording far beyond the others,
-    which no model predicts from them, does not outweigh the rest.
+    which no model predicts from them, does not outweigh the rest. It has no say as long as a body that stands still
+    would predict it better: its sum is then no error that a term lowers, but how far a linear step leads astray.
     """
     sums = np.bincount(groups, predicted**2)
     if len(problem.observed) < RECORDINGS:
         return float(sums.sum())
+    most = np.array([o.motion for o in problem.observed])
+    sums = np.minimum(sums, most) if (sums < most).any() else sums
     return float(np.exp(np.mean(np.log(np.maximum(sums, 1e-300)))))
 
 

@@ -52,10 +52,13 @@ def undetermined_terms(result: FitResult, train: Sequence[Experiment], model: Mo
 
 
 def at_bounds(fit: FittedModel, term: Term) -> list[str]:
-    """Return the free parameters of a term that end at a bound which is not the value without effect."""
+    """Return the free parameters of a term that end at a bound, unless it is the value without effect or an upper one
+    that stands for all higher values.
+    """
     values = fit.values
     return [p.name for p in fit.problem.free if p.name in {a.name for a in term.adds} and not p.shrink
-            and values[p.name] in (p.lower, p.upper) and values[p.name] != term.null.get(p.name)]  # fmt: skip
+            and values[p.name] in (p.lower, *(() if p.name in term.limits else (p.upper,)))
+            and values[p.name] != term.null.get(p.name)]  # fmt: skip
 
 
 def cost_without(fit: FittedModel, term: Term) -> float:

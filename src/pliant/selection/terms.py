@@ -19,6 +19,7 @@ NO_SHARE = 1e-6  # fraction or coefficient at which hysteresis, friction or a la
 NO_FORCE = 1e-6  # N at which the friction of a tendon has no effect
 REST = 0.1  # rad, of a joint: standard deviation of the rest turn about that of the model
 WIDE = 0.5  # of an input's highest value, down to which it must come to show the curvature of its torque law
+LONGER = 2.0  # length of a recording over a time of creep, from which a time as long as the recording is tried too
 GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
 TERMS = {  # the names of all terms, and what they add
     "joints": "stiffness of each joint",
@@ -69,6 +70,8 @@ class Term(NamedTuple):
         Alternatives have the same group: a model has one of them at most.
     needs : str
         Name of a term without which this one has no meaning.
+    limits : tuple of str
+        Parameters whose upper bound stands for all higher values, which the recordings do not tell from it.
     extension : Extension or None
         Segment that the model needs for this term, so that its body lengthens.
     """
@@ -81,6 +84,7 @@ class Term(NamedTuple):
     replaces: tuple[str, ...] = ()
     group: str = ""
     needs: str = ""
+    limits: tuple[str, ...] = ()
     extension: Extension | None = None
 
     def model(self, model: Model) -> Model:
@@ -158,8 +162,8 @@ def terms_for(
         return one.name in names or one.name.rpartition(".")[2] in names
 
     longer = tuple(lengthening(model, experiments))
-    every = (*springs(model), *relaxation(model, longer), *inputs(model, experiments), *places(model, experiments),
-             *longer)  # fmt: skip
+    every = (*springs(model), *relaxation(model, longer, longest(experiments)), *inputs(model, experiments),
+             *places(model, experiments), *longer)
     return tuple(t for t in every if (not only or named(t, only)) and not named(t, without))
 
 
@@ -181,20 +185,25 @@ def springs(model: Model) -> Iterator[Term]:
         yield term("rest", "", [Parameter(n, v, prior=v, prior_std=REST) for n, v in turns.items()], turns)
 
 
-def relaxation(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
+def longest(experiments: Sequence[Experiment]) -> float:
+    """Return the time [s] of the longest recording of a motion; 0 if there is none."""
+    return max((float(np.ptp(e.time)) for e in experiments if not e.poses), default=0.0)
+
+
+def relaxation(model: Model, longer: Sequence[Term], span: float) -> Iterator[Term]:
     """Yield creep of the joints, with one branch and a second one, friction of joints and tendons, and creep of a body
-    that lengthens, or that the term in `longer` lengthens.
+    that lengthens, or that the term in `longer` lengthens, for recordings of up to `span` [s].
     """
-    yield branch("creep", "", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0))
-    yield branch("creep_2", "", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), needs="creep")
+    yield creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), span)
+    yield creep("creep_2", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), span, needs="creep")
     yield branch("slip", "", "slip_share_1", "slip_angle_1", (0.003, 0.02, 0.1))
     if model.actuation.tendons:
         yield term("tendon_friction", "", [Parameter("friction", 0.1)], {"friction": NO_SHARE})
         yield term("entry_friction", "", [Parameter("entry_friction", 0.05)], {"entry_friction": NO_FORCE})
         yield from paths_of_tendons(model)
     if mechanics_of(model).lengthens or longer:
-        yield branch("axial_creep", "", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0),
-                     needs=next((t.name for t in longer), ""))  # fmt: skip
+        yield creep("axial_creep", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0), span,
+                    needs=next((t.name for t in longer), ""))  # fmt: skip
 
 
 def paths_of_tendons(model: Model) -> Iterator[Term]:
@@ -205,6 +214,18 @@ def paths_of_tendons(model: Model) -> Iterator[Term]:
         yield term("imbalance", "", [Parameter(name, value) for name, value in now.items()], now)
     if not any(c.value_of("taper") for _, c in cords):
         yield term("taper", "", [Parameter("taper", 0.0)], {"taper": 0.0})
+
+
+def creep(
+    name: str, share: str, time: str, grid: Sequence[float], span: float, **options: Any,
+) -> Term:
+    """Return a term of creep with a time that is tried on a grid and, in recordings much longer than that, as long as
+    these: creep from before a recording then lasts through it. They do not show longer times, and tell nothing of them.
+    """
+    if span < LONGER * grid[-1]:
+        return branch(name, "", share, time, grid, **options)
+    return term(name, "", [Parameter(share, 0.1), Parameter(time, grid[0], upper=span)], {share: NO_SHARE},
+                grid=tuple({time: v} for v in (*grid, span)), limits=(time,), **options)
 
 
 def branch(name: str, owner: str, share: str, inner: str, grid: Sequence[float], **options: Any) -> Term:

@@ -109,7 +109,7 @@ class Recording(StudyEntry):
     poses: bool | Literal["median"] = False  # each row is a settled pose; "median": all rows are one, their median
     inputs: dict[str, float] = {}  # input of the model -> its value in all rows, SI, where the file holds none
     own_places: bool = False  # station positions from this recording's first frames, at rest
-    start: Start | None = None  # of its simulation; default: "moving" if the first frames show a motion
+    start: Start | None = None  # of its simulation; default: by the first frames and the warm-up
     every: int = Field(1, ge=1)  # each such frame is used
     warm_up: float = Field(0.0, ge=0)  # s from the first frame on that are simulated, but not compared
     angles: Angles = False  # fit the angles too (of a dense shape: of its joints), or "only" them
