@@ -17,6 +17,7 @@ from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.motion import step
 from pliant.equations.spatial import pose_links
 from pliant.equations.spatial_springs import MOST_SWING, first_strain, nonlinear_springs, slope_at
+from pliant.simulation.pressure_loops import law_torques
 
 LONG = 1e3  # strains above `LEAST_STRETCH` - 1 that count as valid
 
@@ -60,6 +61,11 @@ def march_in_space(state, steps, body, joints, work, out):
         good = note_failures(good, sound_in_space(x, v, lengths[k], springs, good), k, out.failed)
         if steps.keep[k] >= 0:
             keep_lane_row(steps.keep[k], x, v, row_x, row_v)
+
+
+def mean_torques_in_space(h, lengths, first, behind, law, torque):
+    """Write to torque (steps, W) [N m] the mean torque of one chamber of W samples in each step, by `law_torques`."""
+    law_torques(as_lanes(h), as_lanes(lengths), first, as_lanes(behind), as_lanes(law), as_lanes(torque))
 
 
 def keep_lane_row(row, x, v, row_x, row_v):
