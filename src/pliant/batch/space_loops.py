@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.batch.simd_loops import FAR, note_failures
+from pliant.batch.simd_loops import FAR, note_failures, torques_of_lanes
 from pliant.compiler.simd import as_lanes, lanes_of, within
 from pliant.compiler.width import WIDTH
 from pliant.equations.chamber import share_out
@@ -61,6 +61,28 @@ def march_in_space(state, steps, body, joints, work, out):
         good = note_failures(good, sound_in_space(x, v, lengths[k], springs, good), k, out.failed)
         if steps.keep[k] >= 0:
             keep_lane_row(steps.keep[k], x, v, row_x, row_v)
+
+
+def hold_in_space(h, steps, group, chambers, state, body, joints, work, failed):
+    """Advance one group of chains in space by a number of `steps` of h (1, W) [s] each under constant pressure
+    commands. `state` (2, N, W) and the pressures in `chambers` (`simd_loops.Commanded`) change in place.
+
+    `group` is the number of the group in `chambers`; body, joints and work are those of `march_in_space`. failed (W,)
+    is set to 1 for a chain that fails, and to 0 for the others.
+    """
+    both = as_lanes(state)
+    x, v = both[0], both[1]
+    mass, springs, scratch = lanes_of(body), lanes_of(joints), lanes_of(work)
+    length = as_lanes(h)[0]
+    good = (1 << WIDTH) - 1
+    still = False
+    for _ in range(steps):
+        if not still:
+            still = torques_of_lanes(group, h[0, 0], chambers, work.tau)
+        step(x, v, length, scratch.tau, mass, springs, scratch)
+        good = sound_in_space(x, v, length, springs, good)
+    for lane in range(WIDTH):
+        failed[lane] = 1 - (good >> lane & 1)
 
 
 def mean_torques_in_space(h, lengths, first, behind, law, torque):
