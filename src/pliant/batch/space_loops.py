@@ -63,13 +63,14 @@ def march_in_space(state, steps, body, joints, work, out):
             keep_lane_row(steps.keep[k], x, v, row_x, row_v)
 
 
-def hold_in_space(h, steps, group, chambers, state, body, joints, work, failed):
+def hold_in_space(h, steps, group, chambers, state, chain, work, failed):
     """Advance one group of chains in space by a number of `steps` of h (1, W) [s] each under constant pressure
     commands. `state` (2, N, W) and the pressures in `chambers` (`simd_loops.Commanded`) change in place.
 
-    `group` is the number of the group in `chambers`; body, joints and work are those of `march_in_space`. failed (W,)
-    is set to 1 for a chain that fails, and to 0 for the others.
+    `group` is the number of the group in `chambers`; `chain` is (body, joints), and these and work are those of
+    `march_in_space`. failed (W,) is set to 1 for a chain that fails, and to 0 for the others.
     """
+    body, joints = chain
     both = as_lanes(state)
     x, v = both[0], both[1]
     mass, springs, scratch = lanes_of(body), lanes_of(joints), lanes_of(work)

@@ -176,9 +176,9 @@ class OnSpaceLanes(LanePool):
         self._hold = lane_twin(space_loops.hold_in_space, *chain.sizes)
 
     def advance(self, steps: int) -> None:
-        for group, (body, joints) in enumerate(self._groups):
+        for group, chain in enumerate(self._groups):
             state, failed = self._state[group], self._failed[group]
-            self._hold(self._h, steps, group, self._chambers, state, body, joints, self._work, failed)
+            self._hold(self._h, steps, group, self._chambers, state, chain, self._work, failed)
 
 
 OF_CHAMBERS = frozenset({"law", "gain", "rubber", "valve", "pressure", "slow"})  # arrays with the coordinates last
