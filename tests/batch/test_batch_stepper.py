@@ -42,7 +42,8 @@ def around(torque=(2e-6,), **fields) -> Model:
 IN_SPACE = {
     "valves": lambda: around(valve=Valve(rise_time=0.05, rise_rate=4e5, fall_rate=8e5)),
     "walls": lambda: around(swell_share=0.3, swell_time=0.1, inflation_limit=9e5, inflation_time=0.05),
-    "saturating": lambda: around([2e-6, 1e5], law="saturating").with_(space=Space(twist_ratio=0.7, radius=0.012), stiffening=-0.2),
+    "saturating": lambda: around([2e-6, 1e5], law="saturating").with_(
+        space=Space(twist_ratio=0.7, radius=0.012), stiffening=-0.2),
     "lengthens": lambda: around(axial_gain=40.0).with_(extensions=(Extension(60.0, 0.4, 0.0, None, "whole"),)),
 }  # fmt: skip
 

@@ -24,17 +24,17 @@ def test_the_suite_finds_the_solver_by_its_entry_point():
 def test_without_the_suite_its_name_is_told(monkeypatch):
     for name in [name for name in sys.modules if name.split(".")[0] == "cosseratbench"]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.delitem(sys.modules, ENTRY.split(":")[0], raising=False)
+    monkeypatch.delitem(sys.modules, ENTRY.split(":", maxsplit=1)[0], raising=False)
     monkeypatch.setitem(sys.modules, "cosseratbench", None)
     with pytest.raises(InputError, match="cosseratbench is not installed: pip install cosseratbench"):
-        import_module(ENTRY.split(":")[0])
+        import_module(ENTRY.split(":", maxsplit=1)[0])
 
 
 @pytest.fixture
 def suite():
     """Run an experiment of the suite."""
     experiment = pytest.importorskip("cosseratbench.experiment", reason="cosseratbench is not installed")
-    solver = import_module(ENTRY.split(":")[0]).ChainSolver()
+    solver = import_module(ENTRY.split(":", maxsplit=1)[0]).ChainSolver()
 
     def run(name, **options):
         of = import_module(f"cosseratbench.experiments.{name}")
@@ -65,13 +65,14 @@ def test_what_no_chain_simulates(suite):
 def test_the_shape_at_the_start_is_that_of_the_rod(suite):
     from cosseratbench.experiments.pendulum import build
 
-    rods = import_module(ENTRY.split(":")[0])
+    rods = import_module(ENTRY.split(":", maxsplit=1)[0])
     scenario = build(1e7)
     turn = np.linspace(0.0, 1.2, 400)
     curve = np.stack([0.3 * (1 - np.cos(turn)), 0.1 * turn, 0.3 * np.sin(turn)], axis=1)
     for start in ("pinned", "clamped"):
-        rod = replace(scenario.rods[0], centerline=tuple(map(tuple, curve)), rest_arc_length=None, normal=(1.0, 0.0, 0.0),
-                      start=type(scenario.rods[0].start)(start))  # fmt: skip
+        held = type(scenario.rods[0].start)(start)
+        rod = replace(scenario.rods[0], centerline=tuple(map(tuple, curve)), rest_arc_length=None, start=held,
+                      normal=(1.0, 0.0, 0.0))  # fmt: skip
         model, frame = rods.chain_of(rod, (0.0, 0.0, -9.81), 40)
         nodes, across = rods.nodes_of(model, rod, frame, rods.angles_of(rod, frame, 40)[None])
         np.testing.assert_allclose(nodes[0], rod.nodes(40), atol=2e-4)

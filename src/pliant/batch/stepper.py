@@ -185,8 +185,7 @@ OF_CHAMBERS = frozenset({"law", "gain", "rubber", "valve", "pressure", "slow"}) 
 
 
 def pool_of(models: Sequence[Model]) -> dict[str, Array]:
-    """Return, by name, the constants and rest states of several models in the plane, the models along the first axis.
-    """
+    """Return, by name, the constants and rest states of several models in a plane, the models along the first axis."""
     rows: list[dict[str, Array]] = []
     for m in models:
         body, joints = mechanics_of(m).body, mechanics_of(m).joints
