@@ -35,11 +35,11 @@ def fitted_values(model):
     if model.extensions:
         values |= {f"{model.extensions[-1].name}.axial_stiffness": model.extensions[-1].stiffness}
     chamber = model.chambers[0]
+    prefix = "" if model.actuation.count == 1 else f"{chamber.name}."
     if chamber.kind == "pressure":
-        prefix = "" if model.actuation.count == 1 else f"{chamber.name}."
         values |= {f"{prefix}torque_1": chamber.torque[0]}
     if chamber.valve.rise_time:
-        values |= {f"{chamber.name}.valve_rise_time": chamber.valve.rise_time}
+        values |= {f"{prefix}valve_rise_time": chamber.valve.rise_time}
     return {name: float(value) for name, value in values.items()}
 
 
