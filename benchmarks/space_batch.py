@@ -2,7 +2,8 @@
 
 The arm has five links (10 coordinates) and three chambers; a rollout lasts 2 s in steps of 1 ms, with 201 output times.
 Samples differ in their pulses of pressure, in their stiffness, or in both. The first line is the time of a step alone,
-in both loops. Processor times of the fastest of several runs, taken in turn.
+in both loops, and the second that of a batch that is held for 20 steps at a time, as environments are. Processor times
+of the fastest of several runs, taken in turn.
 
 python benchmarks/space_batch.py [--samples 200] [--runs 3]
 """
@@ -19,7 +20,8 @@ from speed.timing import machine
 import pliant.batch.batch as batches
 from pliant.batch.space_lanes import lanes_last, scratch_of, shared_steps, stacked
 from pliant.batch.space_loops import LaneRows, march_in_space
-from pliant.compiler.choose import lane_twin
+from pliant.batch.stepper import OneByOne, OnSpaceLanes
+from pliant.compiler.choose import free_twin, lane_twin
 from pliant.compiler.simd import aligned
 from pliant.compiler.width import WIDTH
 from pliant.mechanics import mechanics_of
@@ -28,7 +30,7 @@ from pliant.simulation import Pulse, march_loops
 from pliant.simulation.drive import drive
 
 AZIMUTHS = np.radians([90.0, 210.0, 330.0])
-TIMES, STEP = np.linspace(0.0, 2.0, 201), 1e-3  # s
+TIMES, STEP, HELD = np.linspace(0.0, 2.0, 201), 1e-3, 20  # s, s, steps
 
 
 def arm() -> Model:
@@ -45,7 +47,7 @@ def steps_alone(model: Model, runs: int) -> tuple[float, float]:
     """Return the time [ns] of a step and body in a vector, and of one body alone."""
     plans = [drive(model, [Pulse(1e4 * k, 0.1, 1.0)] * 2 + [Pulse(2e4)], TIMES, STEP) for k in range(WIDTH)]
     chain, count = mechanics_of(model), plans[0].h.size
-    march, alone = (lane_twin(loop, *chain.sizes) for loop in (march_in_space, march_loops.march))
+    march, alone = lane_twin(march_in_space, *chain.sizes), free_twin(march_loops.march, *chain.sizes)
     body, joints, work = lanes_last([chain.body] * WIDTH), lanes_last([chain.joints] * WIDTH), scratch_of(chain)
     shape, steps = (TIMES.size, model.size, WIDTH), shared_steps(plans, TIMES.size)
     best = [np.inf, np.inf]
@@ -62,6 +64,20 @@ def steps_alone(model: Model, runs: int) -> tuple[float, float]:
     return 1e9 * best[0] / count, 1e9 * best[1] / count
 
 
+def held_steps(model: Model, size: int, runs: int) -> list[float]:
+    """Return the times [ns] of a step and body in a batch of `size` bodies that keep their states, in vectors and one
+    by one.
+    """
+    pressure, best = np.random.default_rng(0).uniform(0.0, 5e4, (size, 3)), [np.inf, np.inf]
+    batches_of = OnSpaceLanes([model], size, STEP), OneByOne([model], size, STEP)
+    for _ in range(3 * runs):
+        for k, batch in enumerate(batches_of):
+            start = process_time()
+            batch.hold(pressure, HELD)
+            best[k] = min(best[k], 1e9 * (process_time() - start) / size / HELD)
+    return best
+
+
 def rollouts(samples: int, **given: Any) -> float:
     """Return the processor time [ms] of one rollout in a batch on one thread."""
     start = process_time()
@@ -74,6 +90,8 @@ def main(samples: int, runs: int) -> None:
     print(machine())
     vector, alone = steps_alone(arm(), runs)
     print(f"step, output rows included: {vector:.0f} ns in a vector, {alone:.0f} ns alone, ratio {alone / vector:.1f}")
+    held, single = held_steps(arm(), 256, runs)
+    print(f"held step: {held:.0f} ns in vectors, {single:.0f} ns one by one, ratio {single / held:.1f}")
     rng = np.random.default_rng(0)
     pulses = [[Pulse(p, 0.1, 1.0) for p in row] for row in rng.uniform(0.0, 5e4, (samples, 3))]
     stiffness = {"stiffness": rng.uniform(0.45, 0.55, samples)}

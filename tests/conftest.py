@@ -35,6 +35,8 @@ MAY_BE_SKIPPED = {  # what a reason holds -> why a run without that test is comp
     "Pinocchio is not installed": "an extra of the benchmarks; Lagrange's equations hold the same kernels here",
     "PyElastica is not installed": "an extra of the benchmarks; it made the bundled recordings in space",
     "MJX is not installed": "MuJoCo's version in JAX is no dependency; MuJoCo itself holds the exported files here",
+    "MuJoCo Warp is not installed": "MuJoCo on a GPU is no dependency either",
+    "cosseratbench is not installed": "a suite of others; rods as chains are compared in tests/measured/test_rods.py",
     "PyTables is not installed": "it stores what it reads as pickles: no dependency",
     "no limit of a file's size": "a system other than POSIX",
     "signals of another kind": "a system other than POSIX",

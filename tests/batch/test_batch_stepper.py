@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pliant.actuators import chen2018
-from pliant.batch.stepper import batch_stepper
+from pliant.batch.stepper import OneByOne, OnSpaceLanes, batch_stepper
 from pliant.errors import InputError
-from pliant.model import Chamber, Memory, Valve
+from pliant.model import Chamber, Extension, Memory, Model, Space, Valve, chain_model
 from pliant.simulation import Stepper
 
 
@@ -30,6 +30,62 @@ def test_every_lane_is_a_stepper():
     assert batch.position == pytest.approx(np.array([s.angle for s in alone]), abs=1e-13)
     assert batch.velocity == pytest.approx(np.array([s.rate for s in alone]), abs=1e-11)
     assert np.abs(batch.position).max() > 0.1
+
+
+def around(torque=(2e-6,), **fields) -> Model:
+    chambers = [Chamber(torque, joint_gain=np.sin(a), cross_gain=-np.cos(a), name=f"c{k}", **fields)
+                for k, a in enumerate(np.radians([90.0, 210.0, 330.0]))]  # fmt: skip
+    return chain_model(length=0.3, mass=0.1, links=2, stiffness=0.5, damping=5e-3, gravity=(0.5, 0.2, -9.8),
+                       chambers=chambers, space=Space(stiffness_ratio=1.2, radius=0.012))  # fmt: skip
+
+
+IN_SPACE = {
+    "valves": lambda: around(valve=Valve(rise_time=0.05, rise_rate=4e5, fall_rate=8e5)),
+    "walls": lambda: around(swell_share=0.3, swell_time=0.1, inflation_limit=9e5, inflation_time=0.05),
+    "saturating": lambda: around([2e-6, 1e5], law="saturating").with_(
+        space=Space(twist_ratio=0.7, radius=0.012), stiffening=-0.2),
+    "lengthens": lambda: around(axial_gain=40.0).with_(extensions=(Extension(60.0, 0.4, 0.0, None, "whole"),)),
+}  # fmt: skip
+
+
+@pytest.mark.slow  # compiles the steps of bodies of several sizes
+@pytest.mark.parametrize("body", list(IN_SPACE))
+def test_every_chain_in_space_is_a_stepper(body):
+    first = IN_SPACE[body]()
+    second = first.with_(stiffness=0.7, gravity=(0.0, -3.0, 5.0))
+    which = np.array([3, 9])
+    batch = batch_stepper([first, second], 11, 1e-3)
+    assert isinstance(batch, OnSpaceLanes)
+    batch.reset(which, np.ones(2, dtype=int))
+    alone = [Stepper(second if k in which else first, 1e-3, np.zeros(3)) for k in range(11)]
+    for pressure in np.random.default_rng(1).uniform(0.0, 6e4, (4, 11, 3)):
+        assert not batch.hold(pressure, 20).any()
+        for stepper, p in zip(alone, pressure, strict=True):
+            stepper.step(p, 20)
+    assert batch.position == pytest.approx(np.array([s.position for s in alone]), abs=1e-12)
+    assert batch.velocity == pytest.approx(np.array([s.velocity for s in alone]), abs=1e-10)
+    assert np.ptp(batch.position, axis=0).max() > 0.05
+    batch.reset(np.array([9]), np.zeros(1, dtype=int))
+    assert batch.position[9] == pytest.approx(Stepper(first, 1e-3, np.zeros(3)).position, abs=1e-15)
+
+
+@pytest.mark.slow  # compiles the steps
+def test_a_chain_in_space_that_fails_leaves_its_neighbours():
+    soft = around().with_(stiffening=-0.5)
+    batch, failed = batch_stepper([soft], 3, 1e-3), np.zeros(3, dtype=bool)
+    assert isinstance(batch, OnSpaceLanes)
+    still, burst = [1e3, 0.0, 0.0], [1e9, 0.0, 0.0]
+    failed |= batch.hold(np.array([still, burst, still]), 20)
+    assert failed.tolist() == [False, True, False]
+    alone = Stepper(soft, 1e-3, np.zeros(3))
+    alone.step(np.array(still), 20)
+    assert batch.position[2] == pytest.approx(alone.position, abs=1e-12)
+    with pytest.raises(InputError, match=r"expected pressures \(3, 3\)"):
+        batch.hold(np.zeros((2, 3)), 1)
+
+
+def test_chains_in_space_that_share_no_vector():
+    assert isinstance(batch_stepper([around().with_(memory=Memory((0.1,), (0.3,)))], 2, 1e-3), OneByOne)
 
 
 def test_two_chambers():

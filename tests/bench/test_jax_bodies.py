@@ -23,4 +23,4 @@ def test_bodies_in_jax(capsys):
 def test_batches_in_space(capsys):
     loaded("space_batch").main(samples=9, runs=1)
     out = capsys.readouterr().out
-    assert out.count("ratio") == 4
+    assert out.count("ratio") == 5

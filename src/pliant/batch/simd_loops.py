@@ -174,16 +174,16 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
         still = False
         for _ in range(steps):
             if not still:
-                still = torques_of_lanes(group, h[0, 0], chambers, vectors)
+                still = torques_of_lanes(group, h[0, 0], chambers, vectors[5])
             step(phi, w, length, work.tau, body, joint, work)
             good = sound(phi, w, length, joint, good)
         for lane in range(WIDTH):
             failed[group, lane] = 1 - (good >> lane & 1)
 
 
-def torques_of_lanes(group, h, chambers, vectors):
-    """Write the mean joint torques of a group of chains in the next h [s] to the scratch array vectors[5]. Return
-    whether they stay the same in later steps under the same commands.
+def torques_of_lanes(group, h, chambers, tau):
+    """Write the mean torques of a group of chains in the next h [s] to the first rows of tau (rows, W). Return whether
+    they stay the same in later steps under the same commands.
     """
     still = True
     torque = chambers.torque
@@ -197,7 +197,7 @@ def torques_of_lanes(group, h, chambers, vectors):
         drives = Drives(laws, chambers.valve[group, lane], pressure, chambers.slow[group, lane])
         take_torques(h, command, drives, torque[lane])
         for i in range(torque.shape[1]):
-            vectors[5, i, lane] = torque[lane, i]
+            tau[i, lane] = torque[lane, i]
     return still
 
 

@@ -20,10 +20,10 @@ from pliant.compiler.simd import aligned
 from pliant.compiler.width import WIDTH
 from pliant.mechanics import Mechanics, mechanics_of
 from pliant.mechanics.spatial import SpatialChain
-from pliant.model import Model
+from pliant.model import Model, Valve
 from pliant.shapes import Float
 from pliant.simulation import state
-from pliant.simulation.drive import Drive, Layout, driven, inputs_of, laid_out
+from pliant.simulation.drive import Drive, Layout, Timeline, driven, initial_pressures, inputs_of, laid_out
 from pliant.simulation.inputs import Input
 from pliant.simulation.solve import STEPS_PER_PERIOD, check_step
 
@@ -48,18 +48,21 @@ class SpaceBatch(NamedTuple):
     how: Mapping[str, Any]
     rest: Array  # (samples, N) equilibrium without inputs
     results: dict[str, Array]
+    timelines: dict[Any, Timeline]  # of inputs with equal jumps
     layouts: dict[tuple[int, tuple[float, ...]], Layout]  # of inputs that several samples share
+    stacks: dict[Any, Array]  # pressures behind the valves that all samples of a group share
 
-    def plan(self, i: int) -> Drive:
-        """Return the time steps and mean torques of sample `i`."""
+    def layout(self, i: int) -> Layout:
+        """Return the time steps of sample `i` and the commanded pressures in them."""
         model, inputs = self.models[i], self.pressures[i]
         dead_times = tuple(c.valve.dead_time for c in model.chambers)
         layout = self.layouts.get((id(inputs), dead_times))
         if layout is None:
-            layout = laid_out(inputs_of(model, inputs), dead_times, self.times, self.time_step)
+            many = inputs_of(model, inputs)
+            layout = laid_out(many, dead_times, self.times, self.time_step, timelines=self.timelines)
             if self.pressures[0] is self.pressures[-1]:  # one set of inputs for all samples
                 self.layouts[id(inputs), dead_times] = layout
-        return driven(model, layout)
+        return layout
 
 
 def run_in_space(
@@ -74,7 +77,7 @@ def run_in_space(
     size = len(models)
     results = {name: np.empty((size, times.size, *shape)) for name, shape in shapes.items()}
     results["failed_at"] = np.full(size, np.nan)
-    task = SpaceBatch(models, pressures, times, time_step, how, rest, results, {})
+    task = SpaceBatch(models, pressures, times, time_step, how, rest, results, {}, {}, {})
     with ThreadPoolExecutor(max_workers=how["threads"]) as pool:
         for _ in pool.map(lambda first: run_group(task, first), range(0, size, WIDTH)):
             pass
@@ -85,10 +88,10 @@ def run_group(task: SpaceBatch, first: int) -> None:
     """Simulate the samples from index `first` that share a SIMD vector, and store their results."""
     last = min(first + WIDTH, len(task.models)) - 1
     members = np.minimum(np.arange(first, first + WIDTH), last)  # the last group is filled with its last sample
-    plans = {i: task.plan(i) for i in set(members.tolist())}
+    layouts = {i: task.layout(i) for i in set(members.tolist())}
     chains = [mechanics_of(task.models[i]) for i in members]
-    steps = shared_steps([plans[i] for i in members.tolist()], task.times.size)
-    start = {i: starting_state(task, i, plans[i]) for i in plans}
+    steps = group_steps(task, members.tolist(), layouts)
+    start = {i: starting_state(task, i, layout) for i, layout in layouts.items()}
     body, joints = (lanes_last([getattr(c, name) for c in chains]) for name in ("body", "joints"))
     work = scratch_of(chains[0])
     shape = task.times.size, task.models[first].size, WIDTH
@@ -106,7 +109,46 @@ def run_group(task: SpaceBatch, first: int) -> None:
     store(task.results, slice(first, last + 1), chains[0], out)
 
 
-def starting_state(task: SpaceBatch, i: int, plan: Drive) -> Array:
+def group_steps(task: SpaceBatch, members: Sequence[int], layouts: Mapping[int, Layout]) -> LaneSteps:
+    """Return the time steps of W samples: in SIMD vectors if their inputs jump at the same times and their chambers
+    have no slow states, else each sample's own, padded.
+    """
+    many, models = [layouts[i] for i in members], [task.models[i] for i in members]
+    line = many[0].timeline
+    if any(one.timeline is not line for one in many) or not all(c.plain for m in models for c in m.chambers):
+        plans = {i: driven(task.models[i], layout) for i, layout in layouts.items()}
+        return shared_steps([plans[i] for i in members], task.times.size)
+    h, lengths = (stacked([part] * WIDTH) for part in line.intervals[:2])
+    torque, mean = aligned((len(h), models[0].actuation.count, WIDTH)), aligned(h.shape)
+    for c in range(models[0].actuation.count):
+        law = stacked(padded([m.chambers[c].torque for m in models]))
+        behind = pressures_behind(task, c, many, [m.chambers[c].valve for m in models])
+        lane_twin(space_loops.mean_torques_in_space, 1)(h, lengths, line.intervals.first, behind, law, mean)
+        torque[:, c] = mean
+    return LaneSteps(h, torque, stacked([np.array(m.actuation.columns) for m in models]), line.grid.keep)
+
+
+def padded(laws: Sequence[Array]) -> Sequence[Array]:
+    """Return the coefficients of polynomial torque laws, filled with zeros to one length."""
+    longest = max(map(len, laws))
+    return laws if all(len(a) == longest for a in laws) else [np.pad(a, (0, longest - len(a))) for a in laws]
+
+
+def pressures_behind(task: SpaceBatch, c: int, layouts: Sequence[Layout], valves: Sequence[Valve]) -> Array:
+    """Return the pressures (m, 4, W) [Pa] of chamber `c` of W samples behind their valves in m intervals: start,
+    middle, end and mean.
+    """
+    keys = {(id(layout), c, valve) for layout, valve in zip(layouts, valves, strict=True)}
+    shared = keys.pop() if len(keys) == 1 and layouts[0] in task.layouts.values() else None
+    if shared in task.stacks:
+        return task.stacks[shared]
+    behind = stacked([layout.behind(c, valve) for layout, valve in zip(layouts, valves, strict=True)])
+    if shared:
+        task.stacks[shared] = behind
+    return behind
+
+
+def starting_state(task: SpaceBatch, i: int, layout: Layout) -> Array:
     """Return the coordinates and rates (2, N) of sample `i` at the first time."""
     model, chain, size = task.models[i], mechanics_of(task.models[i]), len(task.models)
     angle, rate = (
@@ -114,7 +156,8 @@ def starting_state(task: SpaceBatch, i: int, plan: Drive) -> Array:
         for name in ("initial_angle", "initial_rate")
     )
     if angle is None:
-        angle = state.equilibrium(model, plan.initial) if plan.initial.any() else task.rest[i]
+        initial = initial_pressures(model, layout)
+        angle = state.equilibrium(model, initial) if initial.any() else task.rest[i]
     return np.stack([chain.coordinates(angle), chain.rates(np.zeros(model.size) if rate is None else rate)])
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.batch.simd_loops import FAR, note_failures
+from pliant.batch.simd_loops import FAR, note_failures, torques_of_lanes
 from pliant.compiler.simd import as_lanes, lanes_of, within
 from pliant.compiler.width import WIDTH
 from pliant.equations.chamber import share_out
@@ -17,6 +17,7 @@ from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.motion import step
 from pliant.equations.spatial import pose_links
 from pliant.equations.spatial_springs import MOST_SWING, first_strain, nonlinear_springs, slope_at
+from pliant.simulation.pressure_loops import law_torques
 
 LONG = 1e3  # strains above `LEAST_STRETCH` - 1 that count as valid
 
@@ -60,6 +61,34 @@ def march_in_space(state, steps, body, joints, work, out):
         good = note_failures(good, sound_in_space(x, v, lengths[k], springs, good), k, out.failed)
         if steps.keep[k] >= 0:
             keep_lane_row(steps.keep[k], x, v, row_x, row_v)
+
+
+def hold_in_space(h, steps, group, chambers, state, chain, work, failed):
+    """Advance one group of chains in space by a number of `steps` of h (1, W) [s] each under constant pressure
+    commands. `state` (2, N, W) and the pressures in `chambers` (`simd_loops.Commanded`) change in place.
+
+    `group` is the number of the group in `chambers`; `chain` is (body, joints), and these and work are those of
+    `march_in_space`. failed (W,) is set to 1 for a chain that fails, and to 0 for the others.
+    """
+    body, joints = chain
+    both = as_lanes(state)
+    x, v = both[0], both[1]
+    mass, springs, scratch = lanes_of(body), lanes_of(joints), lanes_of(work)
+    length = as_lanes(h)[0]
+    good = (1 << WIDTH) - 1
+    still = False
+    for _ in range(steps):
+        if not still:
+            still = torques_of_lanes(group, h[0, 0], chambers, work.tau)
+        step(x, v, length, scratch.tau, mass, springs, scratch)
+        good = sound_in_space(x, v, length, springs, good)
+    for lane in range(WIDTH):
+        failed[lane] = 1 - (good >> lane & 1)
+
+
+def mean_torques_in_space(h, lengths, first, behind, law, torque):
+    """Write to torque (steps, W) [N m] the mean torque of one chamber of W samples in each step, by `law_torques`."""
+    law_torques(as_lanes(h), as_lanes(lengths), first, as_lanes(behind), as_lanes(law), as_lanes(torque))
 
 
 def keep_lane_row(row, x, v, row_x, row_v):

@@ -8,9 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pliant.batch import simd_loops
+from pliant.batch import simd_loops, space_loops
 from pliant.batch.samples import ALIKE, check_alike
 from pliant.batch.simd_loops import Commanded, Lane
+from pliant.batch.space_lanes import fits_lanes, scratch_of
 from pliant.compiler.choose import lane_twin
 from pliant.compiler.simd import aligned
 from pliant.compiler.width import WIDTH
@@ -74,8 +75,11 @@ def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> Batch
         raise InputError("the models of a batch must have equally many chambers: simulate others in a separate batch")
     for model in models[1:]:
         check_step(model, time_step, "midpoint")
-    plain = all(not m.memory and m.space is None and not m.extensions for m in models)
-    return OnLanes(models, size, time_step) if plain else OneByOne(models, size, time_step)
+    if all(not m.memory and m.space is None and not m.extensions for m in models):
+        return OnLanes(models, size, time_step)
+    if all(map(fits_lanes, models)) and len({mechanics_of(m).sizes for m in models}) == 1:
+        return OnSpaceLanes(models, size, time_step)
+    return OneByOne(models, size, time_step)
 
 
 def check_commands(pressure: Array, shape: tuple[int, int]) -> None:
@@ -86,41 +90,36 @@ def check_commands(pressure: Array, shape: tuple[int, int]) -> None:
         )
 
 
-class OnLanes:
+class LanePool:
     """Step-by-step simulator of many chains without hysteresis, `WIDTH` at once in each SIMD vector."""
 
-    def __init__(self, models: Sequence[Model], size: int, time_step: float) -> None:
-        self.size, self.links = size, models[0].n
+    def __init__(self, models: Sequence[Model], size: int, time_step: float, pool: dict[str, Array]) -> None:
+        self.size, self._pool = size, pool
         groups = -(-size // WIDTH)
-        self._pool = pool_of(models)
-        n, C = self.links, len(models[0].chambers)
-        lanes_last = {k: aligned((groups, *a.shape[1:], WIDTH)) for k, a in self._pool.items() if k in LANES_LAST}
-        others = {k: np.zeros((groups, WIDTH, *a.shape[1:])) for k, a in self._pool.items() if k not in LANES_LAST}
-        self._arrays = lanes_last | others
-        a = self._arrays
+        C, N = len(models[0].chambers), pool["gain"].shape[-1]
+        lanes_last = {k: aligned((groups, *a.shape[1:], WIDTH)) for k, a in pool.items() if k not in OF_CHAMBERS}
+        chambers = {k: np.zeros((groups, WIDTH, *a.shape[1:])) for k, a in pool.items() if k in OF_CHAMBERS}
+        self._arrays = a = lanes_last | chambers
         self._state = a["state"]
-        self._samples = Lane((a["B"], a["I"], a["h"], a["gravity"]), a["joints"], a["place"])
         self._chambers = Commanded(
             np.zeros((groups, WIDTH, C)), a["law"], a["gain"], a["rubber"], a["valve"],
-            a["pressure"], a["slow"], np.zeros((WIDTH, n)),
+            a["pressure"], a["slow"], np.zeros((WIDTH, N)),
         )
-        self._scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (7, n + 1, WIDTH)))
         self._h = aligned((1, WIDTH))
         self._h[:] = time_step
         self._failed = np.zeros((groups, WIDTH), dtype=np.int64)
-        self._hold = lane_twin(simd_loops.hold_lanes, n)
         every = np.arange(groups * WIDTH)
         self.reset(every, np.zeros_like(every))
 
     @property
     def position(self) -> Array:
-        """Return the absolute angles (N, n) [rad] of the n links of N chains."""
-        return np.moveaxis(self._state[:, 0], -1, 1).reshape(-1, self.links)[: self.size]
+        """Return the coordinates (size, N) of the chains, in the plane the absolute angles [rad] of their links."""
+        return np.moveaxis(self._state[:, 0], -1, 1).reshape(-1, self._state.shape[2])[: self.size]
 
     @property
     def velocity(self) -> Array:
-        """Return the rates (N, n) [rad/s] of the absolute angles of the n links of N chains."""
-        return np.moveaxis(self._state[:, 1], -1, 1).reshape(-1, self.links)[: self.size]
+        """Return the rates (size, N) of the coordinates."""
+        return np.moveaxis(self._state[:, 1], -1, 1).reshape(-1, self._state.shape[2])[: self.size]
 
     def reset(self, which: Array, bodies: Array) -> None:
         """Restart M of the chains at rest without pressure. The chain with index which[k] receives the model with index
@@ -128,41 +127,99 @@ class OnLanes:
         """
         group, lane = np.divmod(which, WIDTH)
         for name, array in self._pool.items():
-            if name in LANES_LAST:
-                self._arrays[name][group, ..., lane] = array[bodies]
-            else:
+            if name in OF_CHAMBERS:
                 self._arrays[name][group, lane] = array[bodies]
+            else:
+                self._arrays[name][group, ..., lane] = array[bodies]
 
     def hold(self, pressure: Array, steps: int) -> Array:
-        """Advance all N chains by `steps` time steps under constant pressures (N, C) [Pa] in C chambers. Return for
-        each chain whether it failed, as booleans (N,).
+        """Advance all chains by `steps` time steps under constant pressures (size, C) [Pa] in C chambers. Return for
+        each chain whether it failed, as booleans (size,).
         """
         command = self._chambers.command
         check_commands(pressure, (self.size, command.shape[-1]))
         command.reshape(-1, command.shape[-1])[: self.size] = pressure
-        self._hold(self._h, steps, self._chambers, self._samples, self._state, self._scratch, self._failed)
+        self.advance(steps)
         return np.asarray(self._failed.ravel()[: self.size] > 0)
 
+    def advance(self, steps: int) -> None:
+        """Advance all chains by `steps` time steps under the commands, and note in `_failed` which of them fail."""
+        raise NotImplementedError
 
-LANES_LAST = frozenset({"state", "B", "I", "h", "gravity", "joints", "place"})
+
+class OnLanes(LanePool):
+    """Simulator of chains in the plane."""
+
+    def __init__(self, models: Sequence[Model], size: int, time_step: float) -> None:
+        super().__init__(models, size, time_step, pool_of(models))
+        n, a = models[0].n, self._arrays
+        self._samples = Lane((a["B"], a["I"], a["h"], a["gravity"]), a["joints"], a["place"])
+        self._scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (7, n + 1, WIDTH)))
+        self._hold = lane_twin(simd_loops.hold_lanes, n)
+
+    def advance(self, steps: int) -> None:
+        self._hold(self._h, steps, self._chambers, self._samples, self._state, self._scratch, self._failed)
+
+
+class OnSpaceLanes(LanePool):
+    """Simulator of chains in space without tendons."""
+
+    def __init__(self, models: Sequence[Model], size: int, time_step: float) -> None:
+        super().__init__(models, size, time_step, space_pool_of(models))
+        chain, a = mechanics_of(models[0]), self._arrays
+        self._groups = [
+            tuple(type(record)(*(a[f"{part}.{k}"][group] for k in record._fields))
+                  for part, record in (("body", chain.body), ("joints", chain.joints)))
+            for group in range(len(self._state))
+        ]  # fmt: skip
+        self._work = scratch_of(chain)
+        self._hold = lane_twin(space_loops.hold_in_space, *chain.sizes)
+
+    def advance(self, steps: int) -> None:
+        for group, chain in enumerate(self._groups):
+            state, failed = self._state[group], self._failed[group]
+            self._hold(self._h, steps, group, self._chambers, state, chain, self._work, failed)
+
+
+OF_CHAMBERS = frozenset({"law", "gain", "rubber", "valve", "pressure", "slow"})  # arrays with the coordinates last
 
 
 def pool_of(models: Sequence[Model]) -> dict[str, Array]:
-    """Return, by name, the constants and rest states of several models, with the models along the first axis."""
+    """Return, by name, the constants and rest states of several models in a plane, the models along the first axis."""
     rows: list[dict[str, Array]] = []
     for m in models:
-        body, joints, drive = mechanics_of(m).body, mechanics_of(m).joints, m.actuation.kernel()
-        none = np.zeros(m.actuation.count)
-        phi = mechanics_of(m).coordinates(state.equilibrium(m, none))
+        body, joints = mechanics_of(m).body, mechanics_of(m).joints
         rows.append({
-            "state": np.stack([phi, np.zeros(m.n)]), "B": body.B, "I": body.I, "h": body.h,
-            "gravity": np.array([body.gx, body.gy]),
+            **chambers_at_rest(m), "B": body.B, "I": body.I, "h": body.h, "gravity": np.array([body.gx, body.gy]),
             "joints": np.stack([joints.theta0, joints.K, joints.D, np.zeros(m.n), *joints.hardening]),
             "place": np.array([*m.link_length, *m.first_joint, joints.base_angle]),
-            "law": drive.law, "gain": drive.gain, "rubber": drive.rubber,
-            "valve": np.array([lag_of(c.valve) for c in m.chambers]), "pressure": none,
-            "slow": m.actuation.rest_state(none),
         })  # fmt: skip
+    return pooled(rows)
+
+
+def space_pool_of(models: Sequence[Model]) -> dict[str, Array]:
+    """Return, by name, the constants and rest states of several models in space, the models along the first axis."""
+    return pooled([
+        chambers_at_rest(m) | {f"{part}.{k}": np.asarray(value) for part, record in
+                               (("body", mechanics_of(m).body), ("joints", mechanics_of(m).joints))
+                               for k, value in record._asdict().items()}
+        for m in models
+    ])  # fmt: skip
+
+
+def chambers_at_rest(model: Model) -> dict[str, Array]:
+    """Return the state of a model at rest without pressure, and the constants and states of its chambers, by name."""
+    drive, none = model.actuation.kernel(), np.zeros(model.actuation.count)
+    x = mechanics_of(model).coordinates(state.equilibrium(model, none))
+    return {
+        "state": np.stack([x, 0.0 * x]), "law": drive.law, "gain": drive.gain, "rubber": drive.rubber,
+        "valve": np.array([lag_of(c.valve) for c in model.chambers]), "pressure": none,
+        "slow": model.actuation.rest_state(none),
+    }
+
+
+def pooled(rows: list[dict[str, Array]]) -> dict[str, Array]:
+    """Return the arrays of several models by name, the models along the first axis; torque laws have one length."""
     longest = max(row["law"].shape[1] for row in rows)
     for row in rows:
         row["law"] = np.pad(row["law"], ((0, 0), (0, longest - row["law"].shape[1])))
@@ -171,7 +228,7 @@ def pool_of(models: Sequence[Model]) -> dict[str, Array]:
 
 class OneByOne:
     """Step-by-step simulator of many chains that share no SIMD vector, each simulated by a `Stepper` of its own: with
-    hysteresis, segments that lengthen or tendons, or in space.
+    hysteresis or tendons, or in the plane with segments that lengthen.
     """
 
     def __init__(self, models: Sequence[Model], size: int, time_step: float) -> None:

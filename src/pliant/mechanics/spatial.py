@@ -18,7 +18,7 @@ from pliant.compiler.trace import CURVED, FRICTION, TURNS, spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z
-from pliant.equations.poses import settle
+from pliant.equations.poses import forces_after, settle
 from pliant.equations.symbols import SpatialBody, SpatialHeld, SpatialJoints, SpatialWorkspace
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
@@ -79,11 +79,9 @@ class SpatialChain(Mechanics):
 
         The path length of an angle lies evenly along its joint's arc, that of a strain along its segment.
         """
-        swings = np.tril(np.ones((self.n, self.n)), -1) + 0.5 * np.eye(self.n)
         along = self.length[:, None] * self.model.stretch_share
         strains = np.cumsum(along[::-1], axis=0)[-2::-1] / along.sum(axis=0)
-        arcs = np.concatenate([np.repeat(swings, 2, axis=0), *[swings] * (self.space.turns - 2), strains.T])
-        return np.hstack([np.ones((self.size, 1)), arcs])
+        return np.concatenate([beyond_joints(self.n, self.space.turns), np.insert(strains.T, 0, 1.0, axis=1)])
 
     @cached_property
     def joints(self) -> SpatialJoints:
@@ -367,7 +365,10 @@ class SpatialChain(Mechanics):
         body, joints = (of_kind(record, complex) for record in (self.body, self.joints))
         body = body._replace(friction=0.0 * body.friction, entry_friction=0.0 * body.entry_friction)  # nothing moved
         work, stable = self.workspace(complex), 0.0
-        for share in GROWING:
+        full = of_kind(torque, complex)
+        found.load[:] = load
+        twin(forces_after)(found.at, full, found, body, joints, work, found.push)
+        for share in GROWING if found.push.any() else GROWING[-1:]:  # without force, the unloaded shape is in balance
             found.load[:] = share * load
             part = body._replace(gx=share * body.gx, gy=share * body.gy, gz=share * body.gz)
             stable = twin(settle)(of_kind(share * torque, complex), part, joints, work, found, found.K[0])
@@ -387,6 +388,14 @@ class SpatialChain(Mechanics):
 def rotation(vector: Any) -> Array:
     """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
     return known_rotation(tuple(np.array(vector, dtype=float).tolist())).copy()
+
+
+@lru_cache(64)
+def beyond_joints(n: int, turns: int) -> Array:
+    """Return the rows (turns n, n + 1) of `SpatialChain._beyond` for the angles of n joints."""
+    swings = np.tril(np.ones((n, n)), -1) + 0.5 * np.eye(n)
+    arcs = np.concatenate([np.repeat(swings, 2, axis=0), *[swings] * (turns - 2)])
+    return np.hstack([np.ones((turns * n, 1)), arcs])
 
 
 @lru_cache(1024)

@@ -36,6 +36,8 @@ DEFAULTS: dict[str, Any] = {
 }
 
 
+GEOMETRY = frozenset({"link_length", "base_length", "chambers", "extensions", "space"})
+OF_GEOMETRY = ("actuation", "stretch_share")  # cached properties of a model that depend on these fields alone
 LINK_MASS = quantities(ModelParameters)["link_mass"]
 
 
@@ -246,6 +248,8 @@ class Model(ModelParameters):
         made = object.__new__(Model)
         made.__dict__.update(values)
         made._take(changes | arrays, self.n)
+        if not changes.keys() & GEOMETRY:
+            made.__dict__.update({k: self.__dict__[k] for k in OF_GEOMETRY if k in self.__dict__})
         return made
 
 

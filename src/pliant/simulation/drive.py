@@ -79,6 +79,22 @@ class Driven(NamedTuple):
     stretch: Array  # (rows,) hoop stretch, at the output times
 
 
+class Timeline:
+    """Time steps of a simulation, which inputs with equal jumps and breakpoints share."""
+
+    def __init__(self, grid: Grid, times: Array) -> None:
+        self.grid, self.at = grid, np.searchsorted(grid.fine, times)
+        first = np.searchsorted(grid.fine, grid.nodes)
+        self.intervals = Intervals(np.diff(grid.nodes), np.diff(grid.fine), first)
+        self._points: dict[float, Array] = {}
+
+    def points(self, dead_time: float) -> Array:
+        """Return the times (2, m) [s] at which an input with this `dead_time` [s] is evaluated (`inner_points`)."""
+        if dead_time not in self._points:
+            self._points[dead_time] = inner_points(self.grid.fine, dead_time)
+        return self._points[dead_time]
+
+
 class Layout:
     """Time steps of a simulation for given inputs, and the commanded pressures in them.
 
@@ -87,14 +103,12 @@ class Layout:
     """
 
     def __init__(
-        self, inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float, *,
-        graded: bool = False,
+        self, inputs: Sequence[Input], dead_times: Sequence[float], times: Array, timeline: Timeline,
     ) -> None:
-        self.grid = grids = grid(inputs, dead_times, times, time_step, graded=graded)
-        self.keep, self.at = grids.keep, np.searchsorted(grids.fine, times)
-        self.intervals = Intervals(np.diff(grids.nodes), np.diff(grids.fine), np.searchsorted(grids.fine, grids.nodes))
+        self.timeline, self.grid, self.at, self.intervals = timeline, timeline.grid, timeline.at, timeline.intervals
+        self.keep = self.grid.keep
         pairs = list(zip(inputs, dead_times, strict=True))
-        self.commands = [commanded(source, grids.fine, dead) for source, dead in pairs]
+        self.commands = [between(source(timeline.points(dead))) for source, dead in pairs]
         self.jumps = [source.jumps + dead for source, dead in pairs]
         self.initial = np.array([before(source, dead, times) for source, dead in pairs])
         self._behind: dict[tuple[int, Valve], Array] = {}
@@ -210,9 +224,13 @@ def drive(
 
 
 def laid_out(
-    inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float, *, graded: bool = False
+    inputs: Sequence[Input], dead_times: Sequence[float], times: Array, time_step: float, *, graded: bool = False,
+    timelines: dict[Any, Timeline] | None = None,
 ) -> Layout:
-    """Return the time steps for one input per chamber, with the commanded pressures, but without torques."""
+    """Return the time steps for one input per chamber, with the commanded pressures, but without torques.
+
+    `timelines` keeps the time steps of inputs with equal jumps and breakpoints, for the same output times and steps.
+    """
     times = check_times(times)
     if not (np.isfinite(time_step) and time_step > 0):
         raise InputError(f"time_step must be a positive time in seconds, got {time_step}")
@@ -220,7 +238,11 @@ def laid_out(
         raise InputError(
             f"{times[-1] - times[0]:.6g} s in steps of {time_step:.3g} s are too many steps: use a longer time_step"
         )
-    return Layout(inputs, dead_times, times, time_step, graded=graded)
+    known = {} if timelines is None else timelines
+    key = tuple((p.jumps.tobytes(), p.breakpoints.tobytes(), dead) for p, dead in zip(inputs, dead_times, strict=True))
+    if key not in known:  # the first of two threads: timelines are compared by identity
+        known.setdefault(key, Timeline(grid(inputs, dead_times, times, time_step, graded=graded), times))
+    return Layout(inputs, dead_times, times, known[key])
 
 
 def check_times(times: Array) -> Array:
@@ -237,10 +259,15 @@ def driven(model: Model, layout: Layout) -> Drive:
     torque, levels, stretch = (np.column_stack(rows) for rows in zip(*columns, strict=True))
     grows = any(c.grows for c in model.chambers)
     gain = np.array(model.actuation.columns)
-    initial = np.array([layout.resting(c, chamber.valve) for c, chamber in enumerate(model.chambers)])
+    initial = initial_pressures(model, layout)
     none = np.zeros((0, *mechanics_of(model).no_loads().shape))
     return Drive(layout.intervals.h, torque, gain, layout.keep, levels, initial, stretch if grows else None, none,
                  layout)  # fmt: skip
+
+
+def initial_pressures(model: Model, layout: Layout) -> Array:
+    """Return the pressures (C,) [Pa] behind the valves of the chambers just before the first time."""
+    return np.array([layout.resting(c, chamber.valve) for c, chamber in enumerate(model.chambers)])
 
 
 def grid(
@@ -320,16 +347,28 @@ def through_valve(valve: Valve, pressure: Input, nodes: Array, before: float) ->
 def commanded(pressure: Input, nodes: Array, dead_time: float) -> Array:
     """Return the pressure command (m, 4) [Pa], delayed by `dead_time` [s], in the m intervals between times `nodes`
     [s]. The four columns are the values at start, middle and end, and the mean.
+    """
+    return between(pressure(inner_points(nodes, dead_time)))
 
-    The command within an interval is the straight line through two inner points, so that a jump at a node counts on the
-    right side.
+
+def inner_points(nodes: Array, dead_time: float) -> Array:
+    """Return the two Gauss points (2, m) [s] of the m intervals between times `nodes` [s], earlier by `dead_time` [s]:
+    no jump at a node counts on the wrong side.
     """
     h = np.diff(nodes)
     middle = 0.5 * (nodes[:-1] + nodes[1:]) - dead_time
-    u = np.asarray(pressure(np.stack([middle - _GAUSS * h, middle + _GAUSS * h])), dtype=float)
-    mean = 0.5 * (u[0] + u[1])
-    half = 0.5 * (u[1] - u[0]) / (2 * _GAUSS)
-    out = np.stack([mean - half, mean, mean + half, mean], axis=1)
+    return np.stack([middle - _GAUSS * h, middle + _GAUSS * h])
+
+
+def between(inner: Array) -> Array:
+    """Return the pressure command (m, 4) [Pa] in m intervals: the straight lines through its values `inner` (2, m) [Pa]
+    at two points of each. The four columns are the values at start, middle and end, and the mean.
+    """
+    first, second = np.asarray(inner, dtype=float)
+    mean = 0.5 * (first + second)
+    half = 0.5 * (second - first) / (2 * _GAUSS)
+    out = np.empty((mean.size, 4))
+    out[:, 0], out[:, 1], out[:, 2], out[:, 3] = mean - half, mean, mean + half, mean
     if not np.isfinite(out).all():
         raise InputError(
             "the pressure input is not finite everywhere between the first and the last time: repair it, or simulate a "
