@@ -55,7 +55,7 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
         lines += [f"{fit.title}: {note}" for note in fit.result.notes
                   if not any(mark in note for mark in UNSAID)]
     lines += dict.fromkeys(note for fit in outcome.fits if fit.baseline for note in fit.baseline.notes)
-    lines += [n.sentence for n in outcome.failed]
+    lines += [*doubts_on_other_fits(outcome), *(n.sentence for n in outcome.failed)]
     for forecast in outcome.forecasts:
         lines.append(forecast_sentence(forecast))
     return (*lines, *placement_sentences(outcome), *angles_sentences(outcome))
@@ -227,7 +227,9 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     notes = [*([fit.baseline.suggestion] if plain and fit.baseline else []),
              *fit_warnings(fit, held=bool(held or lost)),
              *(w for r in records for w in record_warnings(r))]
-    warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *outcome.doubts, *notes]))
+    other = doubts_on_other_fits(outcome)
+    doubts = [d for d in outcome.doubts if d not in other]
+    warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *doubts, *notes]))
     if any("missed" in v for v in verdicts) or (lost and targets != Targets()):
         state = "missed"
     elif warnings:
@@ -242,6 +244,12 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     beyond = tuple(f"Forecast, {f.title}: it {extrapolated(f)}" for f in outcome.forecasts if f.extrapolates)
     spoken = " ".join([*sentences, target_sentence(verdicts)])
     return Headline(state, spoken, (*warnings, *beyond))  # type: ignore[arg-type]
+
+
+def doubts_on_other_fits(outcome: StudyOutcome) -> tuple[str, ...]:
+    """Return the warnings that are about a fit other than the first: they do not concern the headline's model."""
+    first, *others = (f"{f.title}: " for f in outcome.fits)
+    return tuple(d for d in outcome.doubts if d.startswith(tuple(others)) and not d.startswith(first))
 
 
 def lost_sentence(lost: Sequence[NotComputed]) -> str:
