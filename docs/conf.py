@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import sys
 from pathlib import Path
 
@@ -35,6 +36,15 @@ nb_execution_cache_path = str(Path(__file__).parent / "_build" / f"executed-{dig
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
+
+# drawings of code cells: sharp, and of the size that the code states
+profile = Path(__file__).parent / "_build" / "ipython" / "profile_default"
+profile.mkdir(parents=True, exist_ok=True)
+(profile / "ipython_kernel_config.py").write_text("""
+c.InlineBackend.figure_formats = {"retina"}
+c.InlineBackend.print_figure_kwargs = {"bbox_inches": None}
+""", encoding="utf-8")
+os.environ["IPYTHONDIR"] = str(profile.parent)
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
