@@ -129,11 +129,12 @@ def test_parameters_show_value_and_error_first(source):
 
 
 def test_inputs_are_called_by_their_names(outcome):
-    high = replace(outcome.fits[0].records[1], inputs={"left": "Pa"})
+    high = outcome.fits[0].records[1]
+    high = replace(high, inputs={"left": "Pa", "right": "Pa"}, pressure=np.repeat(high.pressure, 2, axis=1))
     one = replace(outcome, fits=(replace(outcome.fits[0], records=(high,)),))
     packed = json.loads(re.search(r'id="data">(.*?)</script>', report_page(one), re.DOTALL)[1])
     (record,) = packed["fits"][0]["records"].values()
-    assert record["driven"] == ["left"]
+    assert record["driven"] == ["left", "right"]
 
 
 def test_user_text_is_escaped(source, page):
