@@ -2,7 +2,7 @@
 
 Convert samples to packets of bytes and back (little endian).
 
-A packet holds, in this order: the mark "PLN2" (4 bytes), the time (int64, ns), the hold time (uint32, us), the length of
+A packet holds in this order: the mark "PLN2" (4 bytes), the time (int64, ns), the hold time (uint32, us), the length of
 the name, the length of the unit and the number of dimensions (1 byte each), name, unit (UTF-8), the dimensions (uint32
 each) and the values (float64). A receiver must vent if no newer command arrives within the hold time. Packets with the
 older mark "PLN1", which have no hold time, can be read.
