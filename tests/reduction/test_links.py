@@ -113,7 +113,7 @@ def test_bad_nodes_are_refused():
     with pytest.raises(InputError, match="aligned recording"):
         links_of(make_recording([0.0], np.zeros((1, 5, 3))), 3)
     three = make_recording([0.0], np.array([[[0, 0], [0, 0.1], [0, 0.2]]], dtype=float), frame="planar")
-    with pytest.raises(InputError, match="at least 4 stations"):
+    with pytest.raises(InputError, match="has 3 stations, but nodes between stations need at least 4"):
         links_of(three, node_arc_length=[0, 0.15, 0.2])
 
 

@@ -238,7 +238,7 @@ def test_angles_are_mapped_in_radians() -> None:
     assert rms(plain, turned(affine("held", 9))) < 1e-5
     with pytest.raises(InputError, match="does not hold what the plain map was fitted to"):
         plain.predict(affine("held", 9))
-    with pytest.raises(InputError, match="experiments of one kind"):
+    with pytest.raises(InputError, match="cannot mix recordings of positions"):
         plain_map([turned(base[0]), base[1]])
 
 

@@ -119,20 +119,25 @@ def test_a_shape_is_drawn_with_its_chain_at_each_instant(shape):
 
 
 def assert_labels_inside(ax):
-    """No label of a point runs past the frame."""
+    """No label of a point runs past the frame, and the list of models stays on the paper, below the axes."""
     ax.figure.draw_without_rendering()
-    frame = ax.get_window_extent()
+    frame, paper = ax.get_window_extent(), ax.figure.bbox
     for text in ax.texts:
         box = text.get_window_extent()
         assert frame.x0 <= box.x0 <= box.x1 <= frame.x1, text.get_text()
+    models = ax.figure._supxlabel.get_window_extent()
+    assert paper.x0 <= models.x0 <= models.x1 <= paper.x1
+    assert paper.y0 <= models.y0
+    assert models.y1 < ax.xaxis.label.get_window_extent().y0
+    assert ax.figure.get_figheight() <= 120 / 25.4
 
 
 @pytest.mark.parametrize("width", [PAGE_WIDTH, 88 / 25.4])
-def test_the_label_of_the_last_of_many_terms_stays_in_the_frame(width):
-    """As long as a label may be, at the right end of a long way; on a page and in a column."""
-    title = "springs that soften or stiffen, within a bound"
-    steps = tuple(SelectionStep("creep" * (k > 0), title, ("a",) * (3 * k + 1), 0.1, {"x": 9.0 / (k + 1)},
-                                {"x": 10.0 / (k + 1)}) for k in range(6))  # fmt: skip
+def test_the_labels_of_many_terms_stay_on_the_figure(width):
+    """Long names of terms, neighbours in the number of parameters; on a page and in a column."""
+    title = "springs that soften or stiffen, within a bound of 0.75 of K"
+    steps = tuple(SelectionStep("creep" * (k > 0), title, ("a",) * (k + 1), 0.1, {"x": 9.0 / (k + 1)},
+                                {"x": 10.0 / (k + 1)}) for k in range(12))  # fmt: skip
     with page(width):
         (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0)).axes
     assert_labels_inside(ax)
@@ -146,7 +151,8 @@ def test_a_model_selection_shows_the_errors_of_each_model_and_the_choice():
     lines = {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
     assert lines == {"training": [[1, 9], [3, 3], [2, 3.5]], "parts left out": [[1, 10], [3, 4], [2, 3.9]],
                      "chosen": [[2, 3.9]]}
-    assert [t.get_text() for t in ax.texts] == ["first", "+ creep", "without lag"]
+    assert [t.get_text() for t in ax.texts] == ["1", "2", "3"]
+    assert ax.figure.get_supxlabel().split("\n") == ["1  first", "2  + creep", "3  without lag"]
     assert ax.get_xlabel() == "free parameters"
     assert_labels_inside(ax)
     (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0), 5.0).axes

@@ -130,7 +130,7 @@ def test_what_cannot_be_followed_is_refused_in_a_sentence(tmp_path: Path) -> Non
             Tracking(**wrong)
     with pytest.raises(InputError, match="colour must be written as"):
         track_video(path, camera_of(), Tracking("dots", colour="red"))
-    with pytest.raises(InputError, match="an overlay must be a sheet"):
+    with pytest.raises(InputError, match="an overlay must be a picture of frames"):
         track_video(path, camera_of(), Tracking("dots", colour="#ff0000", overlays=(tmp_path / "s.jpg",)))
 
 

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 
 from pliant.errors import InputError
@@ -11,7 +13,8 @@ from pliant.identification import Parameter
 from pliant.validation.metrics import DEFINITIONS
 from pliant.validation.wording import metric_label
 from pliant.view import write_report
-from pliant.view.rows import bounds, interval
+from pliant.view.report import report_page
+from pliant.view.rows import bounds, interval, model_facts
 
 VOID = {"meta", "img", "br", "link", "hr", "input"}
 
@@ -99,7 +102,7 @@ def test_inner_links_lead_somewhere(page):
 
 def test_verdict_comes_before_any_table_and_roles_are_words(page):
     text = page.text
-    words = ("Beware.", "Held out, in one sentence.", "the largest error is 22 mm.", "Fits and records", "not used by")
+    words = ("Caution.", "Held out, in one sentence.", "the largest error is 22 mm.", "Fits and records", "not used by")
     assert [text.index(w) for w in words] == sorted(text.index(w) for w in words)
     assert "Held out: 0.3 mm, 4 % of travel." in text
     assert text.index("not used by the fit") < text.index("Training: used by the fit")
@@ -112,6 +115,26 @@ def test_every_metric_that_is_shown_is_defined(page):
         assert title == DEFINITIONS[key]
     for meaning in DEFINITIONS.values():
         assert meaning in page.text
+
+
+def test_gravity_shows_no_remains_of_rounding(outcome):
+    body = replace(outcome.model, gravity=np.array([-2e-16, 9.81]))
+    assert dict(model_facts(replace(outcome, model=body)))["gravity in the base frame"] == "(0, 9.81) m/s²"
+
+
+def test_parameters_show_value_and_error_first(source):
+    heads = re.search(r'aria-label="Parameters of.*?<thead>(.*?)</thead>', source, re.DOTALL)[1]
+    names = [re.sub(r"<.*?>", "", h).strip() for h in re.findall(r"<th.*?>(.*?)</th>", heads)]
+    assert names[:4] == ["Parameter", "value", "standard error", "unit"]
+
+
+def test_inputs_are_called_by_their_names(outcome):
+    high = outcome.fits[0].records[1]
+    high = replace(high, inputs={"left": "Pa", "right": "Pa"}, pressure=np.repeat(high.pressure, 2, axis=1))
+    one = replace(outcome, fits=(replace(outcome.fits[0], records=(high,)),))
+    packed = json.loads(re.search(r'id="data">(.*?)</script>', report_page(one), re.DOTALL)[1])
+    (record,) = packed["fits"][0]["records"].values()
+    assert record["driven"] == ["left", "right"]
 
 
 def test_user_text_is_escaped(source, page):

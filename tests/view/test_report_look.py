@@ -94,6 +94,12 @@ def test_in_a_browser(opened, width, scheme):
     assert page.url.endswith("#def-rmse_mm")
 
 
+def test_long_names_of_fits_fit_on_a_phone(opened):
+    page = opened(390)
+    page.evaluate("document.getElementById('fit').options[0].textContent = 'stiffness of each joint, '.repeat(5)")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
 def number(text):
     return float(text.replace("−", "-"))
 

@@ -2,9 +2,10 @@
 
 Convert samples to packets of bytes and back (little endian).
 
-A packet holds the mark "PLN2", the time [ns], the hold time [us], the lengths of name and unit, the number of
-dimensions, name, unit, the dimensions and the float64 values. `hold` is a dead-man's time: a receiver must vent when no
-newer command arrives within it. Packets with the older mark "PLN1", which have no hold time, can be read.
+A packet holds in this order: the mark "PLN2" (4 bytes), the time (int64, ns), the hold time (uint32, us), the length of
+the name, the length of the unit and the number of dimensions (1 byte each), name, unit (UTF-8), the dimensions (uint32
+each) and the values (float64). A receiver must vent if no newer command arrives within the hold time. Packets with the
+older mark "PLN1", which have no hold time, can be read.
 """
 
 from __future__ import annotations

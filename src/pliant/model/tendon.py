@@ -182,7 +182,7 @@ class Tendon(ActuationInput):
         return (field != "pulley" or self.driven_by == "angle") and (field != "imbalance" or self.pair)
 
     def distance(self) -> Array:
-        """Return the distance (1,) or (n,) [m] of the path from the axis at each joint, or one that holds for all."""
+        """Return the distance of the path from the axis [m]: (n,) at each joint, or (1,) if it is the same at all."""
         return self.lever - self.taper * self.at
 
     def axial_gains(self, joints: int, segment_joints: tuple[tuple[int, ...], ...]) -> Array:

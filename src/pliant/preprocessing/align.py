@@ -284,7 +284,7 @@ def _wanted_sign(bend: str) -> int:
 
 
 def _named(option: Any) -> str:
-    return option if isinstance(option, str) else f"given {[float(v) for v in option]}"
+    return option if isinstance(option, str) else f"given {[float(f'{v:.4g}') for v in option]}"
 
 
 def _out_of_plane(position: NDArray, middle: NDArray, normal: NDArray) -> dict[str, float]:

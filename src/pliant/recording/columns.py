@@ -174,8 +174,8 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
 
 
 def header_of(cells: list[str], options: ColumnMapping, where: str) -> bool:
-    """Return whether the cells of the first row of a table are names of columns, as its mapping states; otherwise
-    whether none of them holds a number.
+    """Return whether the first row of a table holds the names of the columns: as `header` of the mapping states or,
+    without this entry, if none of its cells holds a number.
 
     Raises
     ------

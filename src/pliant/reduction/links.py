@@ -302,7 +302,8 @@ def _node_matrix(s: Array, knots: Array) -> Array:
     if np.allclose(s[nearest], knots, rtol=0, atol=1e-9 * s[-1]):
         return np.eye(s.size)[nearest]
     if s.size < 4:
-        raise InputError("nodes between stations need at least 4 stations: choose nodes at stations")
+        raise InputError(f"the shape has {s.size} stations, but nodes between stations need at least 4: choose nodes "
+                         "at stations")
     return local_cubic_matrix(s, knots)
 
 

@@ -150,8 +150,9 @@ class SlowBody:
     def begun(
         self, model: Model, common: Sequence[Entry], stiffness: float, time_step: float | None,
     ) -> FittedModel:
-        """Return the fit of the first model to the motion, with the `stiffness` [N m/rad] of its joints held unless
-        `common` states one, and damping from the time constant at the start.
+        """Return the first model, fitted to the motion.
+
+        The joints keep the `stiffness` [N m/rad] unless `common` states one; the damping starts from the time constant.
         """
         model = model.with_(stiffness=stiffness)
         known = {"stiffness": stiffness, **damping_starts(model, self.constant)}

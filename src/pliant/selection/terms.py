@@ -128,7 +128,7 @@ def known_term(name: str) -> str:
         For a name that is no term.
     """
     if name.rpartition(".")[2] not in TERMS:
-        raise ValueError(f"is no term: {name!r}; choose from {', '.join(TERMS)}")
+        raise ValueError(f"unknown term {name!r}: use one of {', '.join(TERMS)}")
     return name
 
 

@@ -95,9 +95,9 @@ def resolving_step(
 ) -> float:
     """Return the longest time step [s] that resolves every mode of vibration which noticeably moves the tip.
 
-    A mode matters when a sudden pressure in one of the chambers, which displaces the tip by a quarter of the length at
-    rest, or the given displacement, moves the tip in this mode by more than 0.15 % of the length. The step keeps the
-    error of each such mode below 0.3 % of the length.
+    A mode counts if it contributes more than 0.15 % of the length to the motion of the tip after the given
+    displacement, or after a sudden pressure in one chamber that displaces the tip by a quarter of the length. The step
+    keeps the error of each such mode below 0.3 % of the length.
 
     Parameters
     ----------

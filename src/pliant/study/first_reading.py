@@ -61,7 +61,7 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
 
 
 def too_large(recording: xr.Dataset) -> bool:
-    """Return whether positions are too far apart for metres, as where a table states no unit."""
+    """Return whether positions are too far apart for metres, for example in a table of millimetres without a unit."""
     if "position" not in recording:
         return False
     place = recording["position"].values

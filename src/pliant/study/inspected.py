@@ -188,8 +188,8 @@ def channels_of(trials: Sequence[Trial]) -> dict[str, str]:
 
 
 def shortened(channels: Mapping[str, str]) -> dict[str, str]:
-    """Return the channels with the words removed that all their names begin with, such as Measured_pressure_, as far as
-    the rest still begins with a letter.
+    """Return the channels under shorter names: without the first words that all share, such as Measured_pressure_, as
+    long as each shorter name begins with a letter.
     """
     words = [re.split(r"(?<=[_ .:-])", name) for name in channels]
     shared = [part[0] for part in zip(*words, strict=False) if len(set(part)) == 1] if len(words) > 1 else []

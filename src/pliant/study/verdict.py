@@ -22,6 +22,7 @@ LONGER = 2.0  # % of the body's length: a larger extension is reported
 STATIONS_LINE = "The line through the stations"
 SAME = 0.1  # of the body's extension: a smaller extension of the model counts as none
 UNSAID = ("correlated", "Standard errors come from")  # mark notes on standard errors, which stand beside these alone
+WEAK = "is known to"  # marks notes on weakly determined parameters
 OF_ERRORS = (*UNSAID, "integration step")  # mark notes on standard errors, which the summary does not list
 NEARLY = 75.0  # % of peak displacement: a model that misses by this much somewhere meets no target
 FAR = 10.0  # % of peak displacement: a larger error of any point is a warning
@@ -55,7 +56,7 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
         lines += [f"{fit.title}: {note}" for note in fit.result.notes
                   if not any(mark in note for mark in UNSAID)]
     lines += dict.fromkeys(note for fit in outcome.fits if fit.baseline for note in fit.baseline.notes)
-    lines += [n.sentence for n in outcome.failed]
+    lines += [*doubts_on_other_fits(outcome), *(n.sentence for n in outcome.failed)]
     for forecast in outcome.forecasts:
         lines.append(forecast_sentence(forecast))
     return (*lines, *placement_sentences(outcome), *angles_sentences(outcome))
@@ -225,9 +226,11 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     verdicts = [judged(r.metrics, targets) for r in records]
     plain = better_sentence(fit)
     notes = [*([fit.baseline.suggestion] if plain and fit.baseline else []),
-             *fit_warnings(fit, held=bool(held or lost)),
+             *fit_warnings(fit, held=bool(held or lost), chosen=outcome.model_selection is not None),
              *(w for r in records for w in record_warnings(r))]
-    warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *outcome.doubts, *notes]))
+    other = doubts_on_other_fits(outcome)
+    doubts = [d for d in outcome.doubts if d not in other]
+    warnings = tuple(dict.fromkeys([*failure_warnings(outcome), *doubts, *notes]))
     if any("missed" in v for v in verdicts) or (lost and targets != Targets()):
         state = "missed"
     elif warnings:
@@ -242,6 +245,12 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     beyond = tuple(f"Forecast, {f.title}: it {extrapolated(f)}" for f in outcome.forecasts if f.extrapolates)
     spoken = " ".join([*sentences, target_sentence(verdicts)])
     return Headline(state, spoken, (*warnings, *beyond))  # type: ignore[arg-type]
+
+
+def doubts_on_other_fits(outcome: StudyOutcome) -> tuple[str, ...]:
+    """Return the warnings that are about a fit other than the first: they do not concern the headline's model."""
+    first, *others = (f"{f.title}: " for f in outcome.fits)
+    return tuple(d for d in outcome.doubts if d.startswith(tuple(others)) and not d.startswith(first))
 
 
 def lost_sentence(lost: Sequence[NotComputed]) -> str:
@@ -283,13 +292,18 @@ def target_sentence(verdicts: Sequence[str]) -> str:
     return f"Targets are met by {count} of {len(verdicts)} records." if len(verdicts) > 1 else "The target is missed."
 
 
-def fit_warnings(fit: FitOutcome, *, held: bool) -> Iterator[str]:
-    """Yield the warnings about a fit as a whole, not about single recordings."""
+def fit_warnings(fit: FitOutcome, *, held: bool, chosen: bool = False) -> Iterator[str]:
+    """Yield the warnings about a fit as a whole, not about single recordings.
+
+    The terms of a `chosen` model improve its predictions although a parameter may be weakly determined: the full
+    verdict alone names it.
+    """
     if not held:
         yield "No record is held out: this shows that the model can fit the recordings, not that it predicts others."
     if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
         yield fit.result.status
-    yield from (note for note in fit.result.notes if not any(word in note for word in OF_ERRORS))
+    unsaid = (*OF_ERRORS, WEAK) if chosen else OF_ERRORS
+    yield from (note for note in fit.result.notes if not any(word in note for word in unsaid))
 
 
 def record_warnings(record: RecordOutcome) -> Iterator[str]:

@@ -208,8 +208,8 @@ def plain_map(experiments: Sequence[Experiment], *, degree: int | None = None) -
     if not experiments:
         raise InputError("a plain map needs at least one training experiment")
     if len({(e.shown_in, e.compared.shape[2]) for e in experiments}) > 1:
-        raise InputError("a plain map needs experiments of one kind: some hold positions, others angles, or differ in "
-                         "their number of coordinates")
+        raise InputError("a plain map cannot mix recordings of positions with those of angles, or of a plane with "
+                         "those in space: make one map for each kind")
     if degree is not None and degree not in DEGREES:
         raise InputError(f"the degree of a plain map must be 1, 2 or 3, got {degree}")
     table, notes = table_of(experiments)

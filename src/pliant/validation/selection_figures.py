@@ -17,6 +17,7 @@ from pliant.validation.wording import clip
 
 Array = np.ndarray
 DARK = "#0b2f6b"
+LINE = 0.12  # inch, height of a line of the list of models
 
 
 def order_figure(shape: Shape) -> Any:
@@ -77,30 +78,28 @@ def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
 
 def selection_figure(selection: ModelSelection, plain_map: float | None = None) -> Any:
     """Draw the errors of the training recordings and of their left-out parts against the number of free parameters, for
-    each model on the way of a model selection. A dotted line shows the error of the plain map on left-out parts, in %
-    of the peak displacement, if it is given.
+    each model on the way of a model selection. Numbers beside the points refer to the list of models below the axes. A
+    dotted line shows the error of the plain map on left-out parts, in % of the peak displacement, if it is given.
     """
     steps = selection.steps
     with drawing():
-        figure, ax = new_figure(1, 1, height=2.9)
+        figure, ax = new_figure(1, 1, height=2.9 + LINE * len(steps))
         free = [len(s.free) for s in steps]
         ax.plot(free, [s.train_percent for s in steps], color="0.6", marker="o", markersize=4, label="training")
         ax.plot(free, [s.left_out_percent for s in steps], color=DARK, marker="s", markersize=4, label="parts left out")
-        middle = 0.5 * (min(free) + max(free))
-        for k, step in enumerate(steps):
-            name, errors = clip(step.title, 30), (step.train_percent, step.left_out_percent)
-            # labels grow towards the middle of the frame: above the falling curves on the left, below on the right
-            y, look = (min(errors), {"xytext": (-4, -4), "ha": "right", "va": "top"}) if free[k] > middle else (
-                max(errors), {"xytext": (5, 4), "ha": "left"})  # fmt: skip
-            ax.annotate(f"+ {name}" if step.joins else name, (free[k], y), textcoords="offset points", fontsize=6.5,
-                        **look)  # fmt: skip
+        names = []
+        for k, step in enumerate(steps, 1):
+            ax.annotate(str(k), (len(step.free), max(step.train_percent, step.left_out_percent)), xytext=(5, 4),
+                        textcoords="offset points", fontsize=6.5)  # fmt: skip
+            names.append(f"{k}  {'+ ' if step.joins else ''}{clip(step.title, 60)}")
+        figure.supxlabel("\n".join(names), x=0.02, ha="left", fontsize=6.5)
         ax.plot(free[-1], steps[-1].left_out_percent, color=DARK, marker="s", markersize=8, fillstyle="none",
                 linestyle="", label="chosen")
         if plain_map is not None:
             ax.axhline(plain_map, color="black", linestyle=":", linewidth=1.0, label="plain map, left out")
         ax.margins(y=0.12)
         ax.set(xlabel="free parameters", ylabel="error (% of peak displacement)", yscale="log",
-               xlim=(min(free) - 0.5, max(free) + 0.5))
+               xlim=(min(free) - 0.5, max(free) + 0.5 + 0.06 * (max(free) - min(free))))
         ax.yaxis.set_major_formatter("{x:g}")
         ax.yaxis.set_minor_formatter("{x:g}")
         ax.legend()

@@ -131,7 +131,7 @@ class Tracking:
         if self.method != "dots" and (self.count is not None or self.region is not None):
             raise InputError("count and region apply to dots only: remove them, or set method to dots")
         if strange := [p.name for p in self.overlays if p.suffix.lower() not in ENDINGS]:
-            raise InputError(f"an overlay must be a sheet (.png) or a video (.mp4), not {strange[0]!r}")
+            raise InputError(f"an overlay must be a picture of frames (.png) or a video (.mp4), not {strange[0]!r}")
         if self.count is not None and (not isinstance(self.count, int) or self.count < 2):
             raise InputError(f"count must be the number of dots, 2 or more, not {self.count!r:.40}")
         if self.region is not None and not _is_region(self.region):

@@ -119,6 +119,7 @@ def modelled_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
         "role": record.role, "position": pack.add(factor * record.modelled[::every]),
         "plain": None if record.baseline is None else pack.add(factor * visible(record)[::every]),
         "body": pack.add(1e3 * body[::every]), "pressure": pack.add(scales * record.pressure[::every]),
+        "driven": list(record.inputs) if len(record.inputs) > 1 else [],
         "band": [pack.add(factor * edge[::every]) for edge in (record.band.lower, record.band.upper)]
         if record.band is not None else None,
         "level": record.band.level if record.band is not None else None,

@@ -41,7 +41,7 @@ from pliant.view.rows import (
 )
 
 ASSETS = Path(__file__).parent / "assets"
-SIGNS = {"good": ("✓", "Good"), "beware": ("!", "Beware"), "missed": ("✗", "Missed"), "open": ("?", "Open")}
+SIGNS = {"good": ("✓", "Good"), "beware": ("!", "Caution"), "missed": ("✗", "Missed"), "open": ("?", "Open")}
 
 
 def write_report(outcome: StudyOutcome, folder: str | Path) -> Path:

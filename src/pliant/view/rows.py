@@ -229,7 +229,9 @@ def model_facts(outcome: StudyOutcome) -> list[tuple[str, str]]:
     """Return (name, value) pairs that describe the body, by which a person can judge its plausibility."""
     m = outcome.model
     length, mass = (digits(1e3 * v, 4, zeros=False) for v in (m.length, m.mass))
-    gravity = ", ".join(digits(g, zeros=False) for g in m.gravity)
+    strength = np.abs(m.gravity).max()
+    rounded = np.where(np.abs(m.gravity) < 1e-9 * strength, 0.0, m.gravity)
+    gravity = ", ".join(digits(g, zeros=False) for g in rounded)
     section = " to ".join(dict.fromkeys(digits(f(bending_stiffness(m)), 3, zeros=False) for f in (np.min, np.max)))
     return [
         ("links", str(m.n)), ("length", f"{length} mm"), ("moving mass", f"{mass} g"),

@@ -126,7 +126,9 @@ def moved_states(p, law, state, h, q, dq, weight):
 
 
 def blocks(c):
-    """Yield each block with branches: its rows, coordinates of a joint, law, weights (k, d) and number of states."""
+    """Yield, for each block of coordinates that has hysteresis branches: the rows of the block, its shape (joints k,
+    coordinates of a joint d), the law of its branches, their weights (k, d) and the number of states.
+    """
     for start, stop, d, prefix, weight in metric(c):
         law = branches(c, prefix)
         count = law[0].shape[0] + law[2].shape[0] + (law[4] is not None)

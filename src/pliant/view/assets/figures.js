@@ -67,12 +67,13 @@ const Pliant = (() => {
     ctx.font = px(12 * ratio);
     ctx.textBaseline = "middle";
     ctx.textAlign = "left";
-    shown.reduce((last, s) => {
-      const y = Math.max(s.y, last + 13 * ratio);
+    const apart = 13 * ratio, lowest = u.bbox.top + u.bbox.height;
+    shown.forEach((s, i) => { s.y = Math.max(s.y, i ? shown[i - 1].y + apart : s.y); });
+    shown.reduceRight((below, s) => (s.y = Math.min(s.y, below - apart)), lowest + apart);
+    shown.forEach((s) => {
       ctx.fillStyle = s.colour;
-      ctx.fillText(s.text.length > 10 ? `${s.text.slice(0, 9)}…` : s.text, u.bbox.left + u.bbox.width + 5 * ratio, y);
-      return y;
-    }, -1e9);
+      ctx.fillText(s.text.length > 10 ? `${s.text.slice(0, 9)}…` : s.text, u.bbox.left + u.bbox.width + 5 * ratio, s.y);
+    });
     ctx.restore();
   }
 

@@ -22,7 +22,7 @@
     const seen = data.records[name], made = data.fits[k].records[name];
     return {
       k, name, ...seen, role: made.role, t: Array.from(open(seen.time).flat), measured: open(seen.position),
-      modelled: open(made.position), chain: open(made.body), valve: open(made.pressure), plain: open(made.plain),
+      modelled: open(made.position), driven: made.driven, chain: open(made.body), valve: open(made.pressure), plain: open(made.plain),
       traces: seen.inputs.map((p) => ({ name: p.name, value: open(p.value) })),
       band: made.band?.map(open), share: made.level, lag: Array.from(open(made.lag).flat), correlation: open(made.correlation),
       white: made.white, grown: seen.grown && [open(seen.grown), open(data.fits[k].grown[name])], stationsOn: now?.name === name ? now.stationsOn : new Set(seen.shown),
@@ -108,7 +108,7 @@
     for (let c = 0; c < chambers; c++) {
       out.push({ label: chambers > 1 ? `${behind}, ${each} ${c + 1}` : `${behind}, modelled`, width: 1.6,
         values: column(r.valve, c), colour: () => ramp(chambers > 1 ? c / (chambers - 1) : 1),
-        tag: chambers > 1 ? `${each} ${c + 1}` : "" });
+        tag: chambers > 1 ? r.driven[c] || `${each} ${c + 1}` : "" });
     }
     return out;
   }
@@ -161,9 +161,10 @@
   }
 
   function correlation(r) {
+    const values = axes.map((_, c) => column(r.correlation, c)), lowest = Math.min(-1.5 * r.white, ...values.flat());
     const u = plot($("plot-correlation"), { x: r.lag, height: 170, xlabel: "lag (s)", ylabel: "correlation",
-      range: [-1.05, 1.05], marks: [{ low: -r.white, at: r.white, text: "95 % of white noise" }],
-      series: axes.map((axis, c) => ({ label: axis, values: column(r.correlation, c), width: 1.5, dash: DASHES[c],
+      range: [lowest - 0.05, 1.05], marks: [{ low: -r.white, at: r.white }],
+      series: axes.map((axis, c) => ({ label: axis, values: values[c], width: 1.5, dash: DASHES[c],
         colour: () => paint("tip") })) });
     all.push(u);
     return u;
@@ -183,8 +184,8 @@
   function readout(t) {
     const r = now, cell = (text) => { const td = document.createElement("td"); td.textContent = text; return td; };
     $("clock").textContent = `${t.toFixed(3)} s`;
-    const valve = column(r.valve, 0)[frame];
-    $("kpa").textContent = r.kind === "release" ? "" : digits(valve, r.unit.split(", ")[0]);
+    const valve = column(r.valve, 0)[frame], several = r.valve.shape[1] > 1;
+    $("kpa").textContent = r.kind === "release" || several ? "" : digits(valve, r.unit.split(", ")[0]);
     $("values").replaceChildren(...[...r.stationsOn].sort((a, b) => a - b).map((s) => {
       const row = document.createElement("tr"), head = document.createElement("th");
       head.scope = "row";
@@ -291,7 +292,12 @@
     law.laws.forEach((one, i) => {
       const values = column(open(one.value), 0), colour = () => ramp(law.laws.length > 1 ? 1 - i / (law.laws.length - 1) : 1);
       const only = (role) => values.map((v, k) => (one.marks[k] === role ? v : null));
-      series.push({ label: one.title, values, colour, width: 1.6, tag: one.title });
+      series.push({ label: one.title, values, colour, width: 1.6 });
+      const swatch = document.createElement("span"), name = document.createElement("span");
+      swatch.className = "swatch modelled";
+      swatch.style.borderColor = colour();
+      name.textContent = ` ${one.title} `;
+      $("key-torque").append(swatch, name);
       series.push({ label: "training", values: only("train"), colour, points: 9 });
       series.push({ label: "held out", values: only("held_out"), colour, points: 9, fill: () => paint("paper") });
     });
