@@ -115,7 +115,7 @@ def chain_of(rod: Rod, gravity: Any, elements: int) -> tuple[Model, Array]:
     model = Model(
         link_length=length, link_mass=rod.material.density * rod.area * length, stiffness=stiffness, damping=0.0,
         base_length=0.0 if pinned else 0.5 * h, gravity=tuple(frame.T @ np.asarray(gravity)),
-        chambers=[Chamber([0.0])], space=Space(twist_ratio=ratio, radius=rod.radius), name="rod",
+        chambers=[Chamber(np.zeros(1))], space=Space(twist_ratio=ratio, radius=rod.radius), name="rod",
     )  # fmt: skip
     return model, frame
 
