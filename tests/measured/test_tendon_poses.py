@@ -23,12 +23,12 @@ ROBOT = {  # found by the study's fit to twelve blocks of poses
     "t8.gain_x": -0.03032, "t8.gain_y": 0.9715, "t9.pretension": 0.4633, "t9.gain_x": -0.9503, "t9.gain_y": -0.5152,
 }
 TENTACLE = {  # found by the study's fit to all eight poses
-    "friction": 0.2245, "taper": 0.02523, "body_stiffness": 0.3615, "mass": 0.1694, "m1.gain_x": -0.487,
-    "m1.gain_y": 0.8532, "m2.gain_x": -0.5107, "m2.gain_y": -0.8812, "base_x": -0.004678, "base_y": 0.0007251,
-    "base_z": 0.007491, "base_tilt_x": -0.005703, "base_tilt_y": 0.01244, "base_tilt_z": -0.05533,
-    "p1.along": 0.006145, "p1.across": -0.02677, "p1.aside": -0.0008955, "p2.along": 0.009817, "p2.across": 0.01984,
-    "p2.aside": 0.001086, "p3.along": 0.01766, "p3.across": -0.01918, "p3.aside": -0.002055, "tip.along": 0.02428,
-    "tip.across": 0.003464, "tip.aside": -0.001993,
+    "friction": 0.245, "taper": 0.02541, "body_stiffness": 0.4048, "mass": 0.1655, "m1.gain_x": -0.4838,
+    "m1.gain_y": 0.8506, "m2.gain_x": -0.5107, "m2.gain_y": -0.8845, "base_x": -0.004376, "base_y": 0.0009582,
+    "base_z": 0.007035, "base_tilt_x": -0.005118, "base_tilt_y": 0.01113, "base_tilt_z": -0.05337,
+    "p1.along": 0.006264, "p1.across": -0.02661, "p1.aside": -0.0009802, "p2.along": 0.009728, "p2.across": 0.01996,
+    "p2.aside": 0.001088, "p3.along": 0.01752, "p3.across": -0.01918, "p3.aside": -0.001932, "tip.along": 0.02429,
+    "tip.across": 0.003313, "tip.aside": -0.001788,
 }
 
 

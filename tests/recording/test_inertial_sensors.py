@@ -95,7 +95,7 @@ def test_a_table_is_a_recording_that_is_kept_and_resampled(tmp_path: Path) -> No
     np.testing.assert_allclose(again["gravity"].values[1], recording["gravity"].values[10], atol=1e-6)
     np.testing.assert_allclose(again["gravity_constants"].values, [DOWN])
     assert again["gravity"].attrs["reference"] == "base"
-    with pytest.raises(InputError, match="a wide CSV cannot hold gravity"):
+    with pytest.raises(InputError, match="a wide CSV holds positions, and the recording has none"):
         write(recording, tmp_path / "a.csv")
 
 

@@ -173,7 +173,8 @@ def observed(name: str, frames: int) -> Any:
     rows = np.repeat(np.arange(frames), 2)
     channel = np.tile([0, 1], frames)
     return SimpleNamespace(exp=exp, rows=rows, station=0 * rows, channel=channel, count=rows.size, planar=True,
-                           flat_weight=np.full(rows.size, 20.0), seen=np.ones((frames, 1, 2), bool))  # fmt: skip
+                           flat_weight=np.full(rows.size, 20.0), seen=np.ones((frames, 1, 2), bool),
+                           is_compared=np.ones(rows.size, bool))  # fmt: skip
 
 
 @pytest.mark.parametrize("recordings", [1, RECORDINGS - 1, RECORDINGS])

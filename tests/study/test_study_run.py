@@ -310,7 +310,7 @@ def test_a_recording_without_motion_is_refused(damaged: Any) -> None:
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "missing file": (changed("recordings", "low", file="none.csv"), "none.csv"),
     "unknown format": (changed("recordings", "low", format="xyz"), "xyz"),
-    "unknown unit": (changed("recordings", "low", nominal_pressure=1.0, pressure_unit="torr"), "unknown unit"),
+    "unknown unit": (changed("recordings", "low", nominal_pressure=1.0, pressure_unit="furlong"), "unknown unit"),
     "unknown station": (changed("recordings", "low", stations=["top"]), "has no station 'top'"),
     "unknown preset": (changed("actuator", preset="pneunet"), "unknown actuator preset 'pneunet': use one of"),
     "length of zero": (changed("actuator", length=0.0), "must be positive"),

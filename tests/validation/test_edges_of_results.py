@@ -101,10 +101,10 @@ def test_swings_are_those_behind_the_release_alone():
     assert part["swing_large_mm"] == pytest.approx(found["swing_large_mm"], rel=0.05)
 
 
-def test_the_axes_of_an_outcome_are_those_of_its_model(outcome):
+def test_the_axes_of_an_outcome_are_those_of_its_recordings_or_of_its_model(outcome):
     assert outcome.axes == ("x", "y")
     deep = outcome.model.with_(space=Space(), gravity=np.zeros(3), base_angle=0.0, rest_angle=0.0)
-    assert replace(outcome, model=deep).axes == ("x", "y", "z")
+    assert replace(outcome, model=deep, fits=()).axes == ("x", "y", "z")
 
 
 def test_results_that_are_not_there_are_missed_in_plain_words(outcome, tmp_path):
