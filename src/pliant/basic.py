@@ -32,10 +32,10 @@ class Actuator(NamedTuple):
 
 def paper(n=5, theta0=0.0):
     """Return the actuator of Chen et al. with n links: 17 cm, 69 g at the link tips, printed stiffness and damping."""
-    one = np.ones(n)
+    ones = np.ones(n)
     return Actuator(
-        l=0.17 / n * one, theta0=theta0 * one, m=0.069 / n * one, c=0.17 / n * one, I=0 * one,
-        K=1.6067 * one, D=8e-3 * one, r2=0.010,
+        l=0.17 / n * ones, theta0=theta0 * ones, m=0.069 / n * ones, c=0.17 / n * ones, I=0 * ones,
+        K=1.6067 * ones, D=8e-3 * ones, r2=0.010,
     )  # fmt: skip
 
 

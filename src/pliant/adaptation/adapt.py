@@ -226,10 +226,10 @@ def fitted_day(posterior: Posterior, day: DayParts, prior: Any, options: dict[st
     listed: list[Parameter | str] = [*body, *mounting_parameters(posterior.model, day.fitted, posterior.values)]
     result = fit(list(day.fitted), posterior.model, listed, prior=prior, starts=1, max_evaluations=EVALUATIONS,
                  **options)  # fmt: skip
-    found = result.covariance
-    if found is None:
+    covariance = result.covariance
+    if covariance is None:
         return result
-    return replace(result, covariance=found._replace(between=posterior.scatter(found.names)))
+    return replace(result, covariance=covariance._replace(between=posterior.scatter(covariance.names)))
 
 
 def bounded(p: Parameter) -> Parameter:
@@ -313,16 +313,16 @@ def mounting_moved(moves: Sequence[Move], result: FitResult) -> str:
     clear = [m.name for m in moves if m.belongs == "mounting" and m.clear]
     if clear:
         return join_words(clear)
-    found = result.covariance
-    if found is None or not mine:
+    covariance = result.covariance
+    if covariance is None or not mine:
         return ""
-    index = [found.names.index(m.name) for m in mine]
+    index = [covariance.names.index(m.name) for m in mine]
     std = np.array([m.prior_std for m in mine])
-    size, turn = np.linalg.eigh(found.matrix[np.ix_(index, index)] / np.outer(std, std))
+    size, turn = np.linalg.eigh(covariance.matrix[np.ix_(index, index)] / np.outer(std, std))
     away = turn.T @ (np.array([m.after - m.before for m in mine]) / std)
-    seen = size < SEEN
-    distance = float(np.sum(away[seen] ** 2 / np.maximum(size[seen], 1e-9)))
-    if distance <= seen.sum() + CLEARLY * np.sqrt(2.0 * seen.sum()):
+    visible = size < SEEN
+    distance = float(np.sum(away[visible] ** 2 / np.maximum(size[visible], 1e-9)))
+    if distance <= visible.sum() + CLEARLY * np.sqrt(2.0 * visible.sum()):
         return ""
     largest = join_words([m.name for m in sorted(mine, key=lambda m: -abs(m.after - m.before) / m.prior_std)[:3]])
     return f"the mounting as a whole, most of all {largest}, which make up for each other,"

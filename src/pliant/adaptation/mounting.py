@@ -93,36 +93,36 @@ def mounting_parameters(
         model, or 0.
     """
     means = {**standing(model, experiments), **{n: v for n, v in values.items() if of_mounting(n)}}
-    found = []
+    parameters = []
     for name, mean in means.items():
         p = Parameter(name, prior=mean, prior_std=width_of(name, model), source="prior of the mounting")
-        found.append(p.with_(value=float(np.clip(mean, p.lower, p.upper))))
-    return found
+        parameters.append(p.with_(value=float(np.clip(mean, p.lower, p.upper))))
+    return parameters
 
 
 def standing(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
     """Return the values (SI) of a model's mounting parameters that recordings with positions or angles can show."""
-    found = {"tip_mass": model.tip_mass} if model.gravity.any() or not all(e.poses for e in experiments) else {}
+    values = {"tip_mass": model.tip_mass} if model.gravity.any() or not all(e.poses for e in experiments) else {}
     if any(e.excitation == "trace" and not e.poses for e in experiments):
-        found["start"] = 0.0
+        values["start"] = 0.0
     if model.space is None:
-        found |= {f"rest_angle_{i + 1}": float(a) for i, a in enumerate(model.rest_angle)}
+        values |= {f"rest_angle_{i + 1}": float(a) for i, a in enumerate(model.rest_angle)}
     else:
-        found |= {n: v for n, v in space_start(model).items() if of_mounting(n) and not n.startswith("rest_turn_z")}
+        values |= {n: v for n, v in space_start(model).items() if of_mounting(n) and not n.startswith("rest_turn_z")}
     for prefix, chamber in zip(prefixes(model), model.chambers, strict=True):
-        found |= {f"{prefix}{name}": chamber.value_of(name) for name in TIGHTENED if chamber.uses(name)}
-    return found | (standing_in_frame(model, experiments) if not experiments[0].without_positions else {})
+        values |= {f"{prefix}{name}": chamber.value_of(name) for name in TIGHTENED if chamber.uses(name)}
+    return values | (standing_in_frame(model, experiments) if not experiments[0].without_positions else {})
 
 
 def standing_in_frame(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
     """Return the values (SI) of the mounting parameters that positions alone show: base, frame, and marker places."""
-    axes, places = ("xy", ("along", "across")) if model.space is None else ("xyz", ("along", "across", "aside"))
-    found = {f"base_{axis}": 0.0 for axis in axes} | ({"base_angle": model.base_angle} if model.space is None else {})
+    axes, fields = ("xy", ("along", "across")) if model.space is None else ("xyz", ("along", "across", "aside"))
+    values = {f"base_{axis}": 0.0 for axis in axes} | ({"base_angle": model.base_angle} if model.space is None else {})
     observed = {s for e in experiments for s in e.stations if not e.own_places}
     for point in model.points:
         if point.name in observed:
-            found |= {f"{point.name}.{field}": float(getattr(point, field)) for field in places}
-    return found
+            values |= {f"{point.name}.{field}": float(getattr(point, field)) for field in fields}
+    return values
 
 
 def common_gain(names: Sequence[str], values: Mapping[str, float]) -> np.ndarray:

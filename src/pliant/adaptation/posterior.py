@@ -102,15 +102,15 @@ def gaussian_of(result: FitResult, free: Sequence[Parameter]) -> JointPrior:
 
     A parameter that its recordings do not determine has its own size as standard deviation, or its prior's.
     """
-    found = result.covariance
-    if found is None:
+    covariance = result.covariance
+    if covariance is None:
         raise InputError("this fit has no covariance of its parameters, which another day starts from: run it again")
-    index = [found.names.index(p.name) for p in free]
-    matrix = found.matrix + (0.0 if found.between is None else found.between)
+    index = [covariance.names.index(p.name) for p in free]
+    matrix = covariance.matrix + (0.0 if covariance.between is None else covariance.between)
     values = np.array([float(p.value or 0.0) for p in free])
     matrix = matrix[np.ix_(index, index)] + np.diag((FROM_DAY_TO_DAY * values) ** 2)
     for i, p in enumerate(free):
-        if found.hidden[index[i]] or not matrix[i, i] > 0:
+        if covariance.hidden[index[i]] or not matrix[i, i] > 0:
             size = p.prior_std or max(abs(float(p.value or 0.0)), p.scale)
             matrix[i], matrix[:, i] = 0.0, 0.0
             matrix[i, i] = size**2
@@ -119,11 +119,11 @@ def gaussian_of(result: FitResult, free: Sequence[Parameter]) -> JointPrior:
 
 def scatter_of(result: FitResult, free: Sequence[Parameter]) -> Array | None:
     """Return the scatter (P, P) of P free parameters between the recordings of a fit, SI; None if it is unknown."""
-    found = result.covariance
-    if found is None or found.between is None:
+    covariance = result.covariance
+    if covariance is None or covariance.between is None:
         return None
-    index = [found.names.index(p.name) for p in free]
-    return np.asarray(found.between[np.ix_(index, index)])
+    index = [covariance.names.index(p.name) for p in free]
+    return np.asarray(covariance.between[np.ix_(index, index)])
 
 
 def of_a_kind(robots: Sequence[Posterior], spread: float) -> Posterior:

@@ -151,18 +151,18 @@ def repeated(model: Model, parameters: Mapping[str, Any], size: int) -> Samples:
     """Return `Samples` of one model. Arrays in `parameters`, (N,) for N samples or (N, n) for the n links of each,
     replace the model's values.
     """
-    given = {name: np.asarray(value, dtype=float) for name, value in parameters.items()}
-    lengths = {a.shape[0] for a in given.values() if a.ndim} | ({size} if size > 1 else set())
+    arrays = {name: np.asarray(value, dtype=float) for name, value in parameters.items()}
+    lengths = {a.shape[0] for a in arrays.values() if a.ndim} | ({size} if size > 1 else set())
     if len(lengths) > 1:
         raise InputError(f"all parameters and pressures of a batch need the same number of samples, got {lengths}")
     count = lengths.pop() if lengths else 1
     values = {}
     for name in (*PER_LINK, *SCALARS, "gravity", "torque"):
-        own = np.asarray(own_value(model, name), dtype=float)
-        values[name] = np.repeat(own[..., None], count, axis=-1)
+        default = np.asarray(own_value(model, name), dtype=float)
+        values[name] = np.repeat(default[..., None], count, axis=-1)
     valves: dict[str, Array] = {}
-    for name in sorted(given, key=lambda name: name[-1].isdigit()):  # what holds for all joints first, then for one
-        put(values, valves, name, given[name])
+    for name in sorted(arrays, key=lambda name: name[-1].isdigit()):  # what holds for all joints first, then for one
+        put(values, valves, name, arrays[name])
     every = {field: np.broadcast_to(a, (count,)) for field, a in valves.items()}
     lag = tuple(
         replace(model.valve, **{f: float(a[i]) for f, a in every.items()}) for i in range(count if every else 1)

@@ -173,8 +173,8 @@ def shared_steps(plans: Sequence[Drive], rows: int) -> LaneSteps:
     h[:], torque[:] = 0.0, 0.0
     for lane, (plan, end, count) in enumerate(zip(plans, ends, counts, strict=True)):
         shift = np.repeat(last - longest - (end + 1 - count), count)
-        at = np.arange(plan.h.size) + shift
-        h[at, lane], torque[at, :, lane] = plan.h, plan.torque
+        index = np.arange(plan.h.size) + shift
+        h[index, lane], torque[index, :, lane] = plan.h, plan.torque
     keep = np.full(int(last[-1]), -1)
     keep[last - 1] = np.arange(1, rows)
     return LaneSteps(h, torque, stacked([plan.gain for plan in plans]), keep)

@@ -67,7 +67,7 @@ def new(
     with suppress(KeyboardInterrupt), busy("trying the study; Ctrl-C leaves it untried"):
         draft = checked(draft, study)
         write_text(study, draft.text)
-    columns_of = [part for one in mapping or ["columns.toml"] for part in ("--mapping", one)]
+    columns_of = [part for mapping_file in mapping or ["columns.toml"] for part in ("--mapping", mapping_file)]
     again = " ".join(["pliant new", str(study), "--from", *map(str, given), *columns_of])
     print_draft(study, draft, again, as_json=json)
 

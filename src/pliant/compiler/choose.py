@@ -277,13 +277,13 @@ def substitutes(kernel: FunctionType, family: Family) -> dict[Any, Any]:
         table[observation.observe_rows] = rows_twin(space=family.space)
     if family.space:
         kernels = SPATIAL | (SPATIAL_AXIAL if family.remembers else {})
-        return table | {planar: spatial_twin(own, family) for planar, own in kernels.items() if planar in used}
+        return table | {planar: spatial_twin(variant, family) for planar, variant in kernels.items() if planar in used}
     if motion.step in used:
         table[motion.step] = planar_step(family)
     if energy.add_step_work in used and family.lines:
         table[energy.add_step_work] = calling(energy.add_step_work)
     if family.remembers:
-        table |= {plain: axial_twin(own, family) for plain, own in AXIAL.items() if plain in used}
+        table |= {plain: axial_twin(variant, family) for plain, variant in AXIAL.items() if plain in used}
     if family.lengthens and contact.add_link_loads in used:
         table[contact.add_link_loads] = twin(extension.add_link_loads)
     return table

@@ -62,9 +62,9 @@ def parts(context: Any, builder: Any, kind: Any, value: Any) -> tuple[Any, Any]:
 
 
 def _made(context: Any, builder: Any, real: Any, slopes: Any) -> Any:
-    made = cgutils.create_struct_proxy(dual)(context, builder)
-    made.real, made.slopes = real, slopes
-    return made._getvalue()  # noqa: SLF001  Numba's own way
+    proxy = cgutils.create_struct_proxy(dual)(context, builder)
+    proxy.real, proxy.slopes = real, slopes
+    return proxy._getvalue()  # noqa: SLF001  Numba's own way
 
 
 @intrinsic
@@ -113,9 +113,9 @@ class _Rules:
         return self.builder.fmul(a, b), self.sum(self.scaled(da, b), self.scaled(db, a))
 
     def truediv(self, a: Any, da: Any, b: Any, db: Any) -> tuple[Any, Any]:  # (da - (a / b) db) / b
-        quotient, one = self.builder.fdiv(a, b), self.context.get_constant(types.float64, 1.0)
+        quotient, unity = self.builder.fdiv(a, b), self.context.get_constant(types.float64, 1.0)
         less = None if db is None else self.builder.fneg(self.scaled(db, quotient))
-        return quotient, self.scaled(self.sum(da, less), self.builder.fdiv(one, b))
+        return quotient, self.scaled(self.sum(da, less), self.builder.fdiv(unity, b))
 
 
 def _define(operation: Any, rule: str) -> None:

@@ -52,14 +52,14 @@ ENVIRONMENT = "_ZN08NumbaEnv"  # how Numba's names of pointers to a function's e
 @cache
 def folder() -> Path | None:
     """Return the folder for this user's compiled kernels, created if absent; None if it cannot be written."""
-    place = Path(config.CACHE_DIR or AppDirs(appname="pliant", appauthor=False).user_cache_dir)
-    place = place / f"kernels-checked-numba{numba.__version__}-llvmlite{llvmlite.__version__}"
+    path = Path(config.CACHE_DIR or AppDirs(appname="pliant", appauthor=False).user_cache_dir)
+    path = path / f"kernels-checked-numba{numba.__version__}-llvmlite{llvmlite.__version__}"
     try:
-        place.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=place).close()
+        path.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path).close()
     except OSError:
         return None
-    return place
+    return path
 
 
 class _Locator(_CacheLocator):
@@ -205,8 +205,8 @@ class Part(Compiler):
 class _PartLibrary(JITCodeLibrary):
     def _optimize_final_module(self) -> None:
         """Run the first of Numba's two rounds of optimisation."""
-        made = self._codegen
-        passes, builder = made._module_pass_manager(opt=made._opt_level, cost="cheap")  # noqa: SLF001  as Numba does
+        codegen = self._codegen
+        passes, builder = codegen._module_pass_manager(opt=codegen._opt_level, cost="cheap")  # noqa: SLF001  as Numba does
         passes.run(self._final_module, builder)
 
     def _finalize_final_module(self) -> None:

@@ -167,8 +167,8 @@ class LlvmWriter:
         """Return the LLVM pointer to an element of an array among the kernel's arguments."""
         leaf, offset = given(path, self.program.shapes)
         size = {"float": 1, "vector": WIDTH, "dual": SLOTS}[self.kind]
-        at = ir.Constant(INDEX, offset * size)
-        return self.builder.gep(self.leaves[leaf][0], [at], source_etype=DOUBLE)
+        offset_bytes = ir.Constant(INDEX, offset * size)
+        return self.builder.gep(self.leaves[leaf][0], [offset_bytes], source_etype=DOUBLE)
 
     def behind(self, pointer: Any) -> Any:
         """Return the LLVM pointer to the derivatives of the dual number at `pointer`."""

@@ -162,10 +162,10 @@ def machine_code(module: Any) -> bytes:
 
 def stored(name: str, text: Callable[[], str]) -> bytes:
     """Return the machine code stored under `name`; where there is none, make it from LLVM's `text` and store it."""
-    place: Path | None = None if loops.kernel_cache is None else loops.kernel_cache.folder()
-    if place is None:
+    folder: Path | None = None if loops.kernel_cache is None else loops.kernel_cache.folder()
+    if folder is None:
         return machine_code(binding.parse_assembly(text()))
-    file = place / f"{name}.code"
+    file = folder / f"{name}.code"
     if (code := read(file)) is None:
         with alone(file.with_suffix(".lock")):
             if (code := read(file)) is None:  # else another process was first

@@ -76,9 +76,9 @@ class _Model(models.PrimitiveModel):
 @lower_cast(types.Float, Lanes)  # type: ignore[untyped-decorator]
 @lower_cast(types.Integer, Lanes)  # type: ignore[untyped-decorator]
 def _repeat(context: Any, builder: Any, kind: Any, _lanes: Any, value: Any) -> Any:
-    one = context.cast(builder, value, kind, types.float64)
+    number = context.cast(builder, value, kind, types.float64)
     none = ir.Constant(_DOUBLES, ir.Undefined)
-    first = builder.insert_element(none, one, ir.Constant(ir.IntType(32), 0))
+    first = builder.insert_element(none, number, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, none, ir.Constant(_INDICES, [0] * WIDTH))
 
 

@@ -116,10 +116,10 @@ def marks(tape: Tape, name: str, example: Any) -> Any:
     if isinstance(example, tuple) and hasattr(example, "_fields"):
         return type(example)(*(marks(tape, f"{name}.{f}", v) for f, v in zip(example._fields, example, strict=True)))
     if isinstance(example, np.ndarray):
-        made = np.empty(example.shape, dtype=object)
+        symbols = np.empty(example.shape, dtype=object)
         for index in np.ndindex(*example.shape):
-            made[index] = tape.write(f"{name}[{', '.join(map(str, index))}]")
-        return made
+            symbols[index] = tape.write(f"{name}[{', '.join(map(str, index))}]")
+        return symbols
     return tape.write(name)
 
 
@@ -288,8 +288,8 @@ def passed(kernel: FunctionType, paths: Iterable[str]) -> list[str]:
     """Return those of the arguments' arrays and numbers that matter to a kernel: all but scratch arrays which neither
     bring numbers from another kernel nor leave numbers for the caller.
     """
-    kept = {*kept_by(kernel), *READ.get(kernel.__name__, ())}
-    return [path for path in paths if not path.startswith("work.") or path in kept]
+    results = {*kept_by(kernel), *READ.get(kernel.__name__, ())}
+    return [path for path in paths if not path.startswith("work.") or path in results]
 
 
 def examples_of(

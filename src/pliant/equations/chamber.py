@@ -185,10 +185,10 @@ def torque_now(p, slow, y, chamber):
 
     `slow` [Pa] is its lagged pressure, `y` the fourth power of its hoop stretch.
     """
-    made = swollen_torque(p, slow, chamber.swell_share, chamber.law, chamber.form)
+    torque = swollen_torque(p, slow, chamber.swell_share, chamber.law, chamber.form)
     if chamber.inflation_limit.real > 0.0:
-        return made * lever_growth(y)
-    return made
+        return torque * lever_growth(y)
+    return torque
 
 
 def slow_rates(p, slow, y, chamber):
@@ -259,5 +259,5 @@ def held_torques(h, pressure, actuation, state, tau):
     """
     for c in range(len(pressure)):
         p = pressure[c]
-        made = advance_one(c, h, Interval(p, p, p, p), actuation, state)
-        share_out(c, made, actuation.gain, tau)
+        torques = advance_one(c, h, Interval(p, p, p, p), actuation, state)
+        share_out(c, torques, actuation.gain, tau)

@@ -62,8 +62,8 @@ class TorqueLaw:
         These are the coefficients of a polynomial law, else the parameters in their order. `values` uses the law's own
         names.
         """
-        own = [values[p] for p in self.parameters] if self.coefficients is None else self.coefficients(**values)
-        return np.asarray(own, dtype=float)
+        factors = [values[p] for p in self.parameters] if self.coefficients is None else self.coefficients(**values)
+        return np.asarray(factors, dtype=float)
 
     def own(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the parameters of this torque law from all parameter values of a fit, without the law's name as a

@@ -128,9 +128,9 @@ def decay_along(goal, turn, memory):
     y = goal
     for _ in range(30):
         power = rate * y ** (n - 1.0)
-        found = (goal + (n - 1.0) * power * y) / (1.0 + n * power)
-        done = (y - found).real <= 1e-15 * goal.real
-        y = found
+        solution = (goal + (n - 1.0) * power * y) / (1.0 + n * power)
+        done = (y - solution).real <= 1e-15 * goal.real
+        y = solution
         if done:
             break
     return rate * y ** (n - 1.0)

@@ -138,13 +138,13 @@ def add_friction(i, k, ratio, past):
         ea = state[i, j]
         eb = other * state[k, j]
         keeps, na, nb = yielded(ea + da, eb + db, ratio, memory.slip_angle[j - P])
-        own = keeps * (1.0 - na * na)
+        stick = keeps * (1.0 - na * na)
         across = -keeps * na * nb
         beside = keeps * (1.0 - ratio * nb * nb)
         moved = held.x[i] + 0.5 * da
         aside = other * held.x[k] + 0.5 * db
-        level = 0.5 * (ea + keeps * (ea + da)) - own * moved - ratio * across * aside
-        add_line(i, share * level, share * own, share * ratio * across, held)
+        level = 0.5 * (ea + keeps * (ea + da)) - stick * moved - ratio * across * aside
+        add_line(i, share * level, share * stick, share * ratio * across, held)
         if k > i:
             level = 0.5 * (eb + keeps * (eb + db)) - across * moved - beside * aside
             add_line(k, share * level, share * beside, share * across, held)

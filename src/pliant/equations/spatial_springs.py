@@ -98,8 +98,8 @@ def stiffened(s, joints, strain):
     """
     i = joints.hardening.shape[1] - joints.tied.shape[1] + s
     second, third = spring_curvature(i, joints, strain)
-    one = 1.0 / joints.K[i]
-    return spring_slope(i, joints, strain) * one - 1.0, second * one, third * one
+    compliance = 1.0 / joints.K[i]
+    return spring_slope(i, joints, strain) * compliance - 1.0, second * compliance, third * compliance
 
 
 def add_tied_torques(s, x, v, joints, ahead, t):

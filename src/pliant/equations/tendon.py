@@ -252,18 +252,18 @@ def add_slopes(r, h, body, work):
     if work.tension[r].real > body.entry_friction[r].real and body.entry_friction[r].real > 0.0:
         stiff = stiff / entered  # T felt_i is (T - F run) times a constant
     for i in range(size):
-        own = h * body.lever[r, i]
+        moved = h * body.lever[r, i]
         for j in range(size):
-            work.B[i, j] = work.B[i, j] + own * (stiff * work.felt[r, i]) * body.lever[r, j]
+            work.B[i, j] = work.B[i, j] + moved * (stiff * work.felt[r, i]) * body.lever[r, j]
         if (body.friction[r] + body.entry_friction[r]).real > 0.0:
-            left = 0.0 * own
+            left = 0.0 * moved
             for k in range(last, -1, -1):
                 left = left + body.beyond[i, k] * work.kept[r, k]
                 if k < last:
                     left = left - body.beyond[i, k + 1] * work.kept[r, k]
                 part = left if k > 0 else left / max(entered.real, TINY)
                 loss = grip(r, k, work.tension[r], work.q, body) * work.ease[r, k]
-                weight = 0.5 * own * work.tension[r] * loss * part
+                weight = 0.5 * moved * work.tension[r] * loss * part
                 for j in range(size):
                     work.B[i, j] = work.B[i, j] + weight * body.beyond[j, k] * body.lever[r, j]
 
@@ -275,9 +275,9 @@ def eliminate(B, b):
     """
     size = len(b)
     for k in range(size):
-        one = 1.0 / B[k, k]
+        inverse = 1.0 / B[k, k]
         for i in range(k + 1, size):
-            part = B[i, k] * one
+            part = B[i, k] * inverse
             for j in range(k + 1, size):
                 B[i, j] = B[i, j] - part * B[k, j]
             b[i] = b[i] - part * b[k]

@@ -72,8 +72,8 @@ def roll_out(
         for first in range(0, len(models), block):
             part = np.minimum(np.arange(first, first + block), len(models) - 1)  # one shape is compiled once
             parameters = {name: values[body[part]] for name, values in pool.items()}
-            given = (starts[part, 0], starts[part, 1], memory[part], h[part], torque[part])
-            x, v, last = (np.asarray(a) for a in run(parameters, *given))
+            arguments = (starts[part, 0], starts[part, 1], memory[part], h[part], torque[part])
+            x, v, last = (np.asarray(a) for a in run(parameters, *arguments))
             out.append((x, v, np.where(last < 0, -1, index[part, last])))
     return tuple(np.concatenate(column)[: len(models)] for column in zip(*out, strict=True))  # type: ignore[return-value]
 

@@ -27,14 +27,14 @@ def highest_inputs(model: Model, highest: float | Sequence[float]) -> Array:
     an input that bends nothing alone, the largest of its unit). Raise InputError if no input bends the model.
     """
     count = model.actuation.count
-    given = np.asarray(highest, dtype=float)
-    if given.shape not in ((), (count,)) or not (np.isfinite(given).all() and (given >= 0.0).all()):
+    levels = np.asarray(highest, dtype=float)
+    if levels.shape not in ((), (count,)) or not (np.isfinite(levels).all() and (levels >= 0.0).all()):
         raise InputError(f"highest must be one value of at least 0, or one for each of {count} inputs, got {highest}")
-    if given.any():
+    if levels.any():
         units = model.actuation.units
-        if given.shape == () and len(set(units)) > 1:
+        if levels.shape == () and len(set(units)) > 1:
             raise InputError(f"the inputs have several units: give one highest value for each, in {', '.join(units)}")
-        return np.broadcast_to(given, (count,)).copy()
+        return np.broadcast_to(levels, (count,)).copy()
     if model.space is None:
         values = np.full(count, 2.0 * typical_pressure(model))
     else:

@@ -55,14 +55,14 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Actuati
     if model.actuation.count > 1:
         shared = {k: v for k, v in values.items() if not is_gain(k)}
     for chamber in model.chambers:
-        own = shared
+        chamber_values = shared
         if named:
             start = f"{chamber.name}."
             stated = {k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}
             for name in stated:
                 check_effect(f"{start}{name}", name, [chamber])
-            own = {**shared, **stated}
-        changes = chamber_changes(chamber, own)
+            chamber_values = {**shared, **stated}
+        changes = chamber_changes(chamber, chamber_values)
         changed.append(replace(chamber, **changes) if changes else chamber)
     return tuple(changed)
 
@@ -147,19 +147,19 @@ def check_chamber_names(names: Iterable[str], model: Model, others: set[str]) ->
         )
     several = model.actuation.count > 1
     for name in names:
-        owner, dot, own = name.partition(".")
-        if dot and owner in mine and not of_chamber(own):
+        owner, dot, parameter = name.partition(".")
+        if dot and owner in mine and not of_chamber(parameter):
             known = [family for family in families() if of_chamber(family.partition("_<")[0])]
             raise InputError(
-                f"parameter {name}: {owner!r} is a chamber, and no chamber has a parameter {own!r}. Use "
+                f"parameter {name}: {owner!r} is a chamber, and no chamber has a parameter {parameter!r}. Use "
                 f"{', '.join(known)}"
             )
         meant = [model.chambers[mine.index(owner)]] if dot and owner in mine else model.chambers
-        check_effect(name, own if dot else name, meant)
-        if several and is_gain(own if dot and owner not in mine else name):
+        check_effect(name, parameter if dot else name, meant)
+        if several and is_gain(parameter if dot and owner not in mine else name):
             raise InputError(
                 f"parameter {name}: in a model of several chambers, name the chamber of a gain, such as "
-                f"{mine[0]}.{own or name}; the chambers are {', '.join(mine)}"
+                f"{mine[0]}.{parameter or name}; the chambers are {', '.join(mine)}"
             )
 
 

@@ -121,23 +121,23 @@ def design(
                          "let one be free, such as stiffness")
     limits = limits_of(fitted.model, experiments, highest)
     offered = list(candidates) if candidates is not None else standard(fitted.model, experiments[0], limits)
-    for one in offered:
-        check_level(fitted.model, one, limits)
+    for offer in offered:
+        check_level(fitted.model, offer, limits)
     scales = {p.name: p.scale or 1.0 for p in fitted.parameters}
     sizes = {n: abs(fitted.values[n]) or scales[n] for n in names}
     unit = np.array(list(sizes.values()))
     known = information_of(fitted.covariance.matrix[np.ix_(shared, shared)] / np.outer(unit, unit))
     now, direction = summary("as it is", known, names)
-    found, refused = [], []
+    suggested, refused = [], []
     for candidate in offered:
         try:
             more = information_gain(fitted, experiments, candidate, sizes, time_step or fitted.time_step)
         except SimulationError as error:
             refused.append(f"{candidate.words}: {error}")
             continue
-        found.append(summary(candidate.words, known + more, names)[0])
-    found.sort(key=lambda p: p.weakest if criterion == "E" else p.volume)
-    return Design(now, direction, tuple(found), tuple(refused))
+        suggested.append(summary(candidate.words, known + more, names)[0])
+    suggested.sort(key=lambda p: p.weakest if criterion == "E" else p.volume)
+    return Design(now, direction, tuple(suggested), tuple(refused))
 
 
 def limits_of(
@@ -162,8 +162,8 @@ def limits_of(
     limits = {}
     for unit in units:
         peaks = [[p for name, p in peaks_of(e).items() if unit_of.get(name, units[0]) == unit] for e in experiments]
-        own = [abs(most) if unit in BOTH_SIGNS else most for most in (max(p, key=abs) for p in peaks if p)]
-        limits[unit] = stated[unit] if unit in stated else max(own, default=0.0)
+        peaks_of_case = [abs(most) if unit in BOTH_SIGNS else most for most in (max(p, key=abs) for p in peaks if p)]
+        limits[unit] = stated[unit] if unit in stated else max(peaks_of_case, default=0.0)
         if not limits[unit] > 0:
             word = input_words([unit])[0]
             raise InputError(f"the highest {word} of a design must be positive, got {in_words(limits[unit], unit)}: "
@@ -196,12 +196,12 @@ def standard(model: Model, like: Experiment, limits: Mapping[str, float]) -> lis
     names, units = model.actuation.names, model.actuation.units
     if len(names) == 1:
         return courses(model, like, limits[units[0]], units[0])
-    together = {unit: tuple(n for n, own in zip(names, units, strict=True) if own == unit) for unit in limits}
+    together = {unit: tuple(n for n, u in zip(names, units, strict=True) if u == unit) for unit in limits}
     driven: list[tuple[tuple[str, ...], str]] = [((name,), unit) for name, unit in zip(names, units, strict=True)]
     driven += [(group, unit) for unit, group in together.items() if len(group) > 1]
     return [
-        replace(one, words=f"{', '.join(group)}: {one.words}", chambers=group)
-        for group, unit in driven for one in courses(model, like, limits[unit], unit)
+        replace(course, words=f"{', '.join(group)}: {course.words}", chambers=group)
+        for group, unit in driven for course in courses(model, like, limits[unit], unit)
     ]
 
 
@@ -209,9 +209,9 @@ def courses(model: Model, like: Experiment, limit: float, unit: str) -> list[Can
     """Return the default time series to rank for one input: pulses up to `limit` in its SI `unit` and, for recordings
     with measured inputs, chirps.
     """
-    factor, shown = shown_in(unit)
+    factor, label = shown_in(unit)
     offered = [
-        Candidate(f"pulse, {share * limit * factor:.3g} {shown} for {width:g} s", Pulse(share * limit, BEFORE, width),
+        Candidate(f"pulse, {share * limit * factor:.3g} {label} for {width:g} s", Pulse(share * limit, BEFORE, width),
                   BEFORE + width + AFTER, share * limit)
         for share in LEVELS for width in WIDTHS
     ]
@@ -219,7 +219,7 @@ def courses(model: Model, like: Experiment, limit: float, unit: str) -> list[Can
         first = float(modes(model)[0][0])
         offered += [
             Candidate(
-                f"chirp, 0 to {share * limit * factor:.3g} {shown}, {0.1 * first:.2g} to {1.5 * first:.2g} Hz in "
+                f"chirp, 0 to {share * limit * factor:.3g} {label}, {0.1 * first:.2g} to {1.5 * first:.2g} Hz in "
                 f"{CHIRP:g} s",
                 Chirp(0.5 * share * limit, 0.5 * share * limit, 0.1 * first, 1.5 * first, CHIRP, BEFORE),
                 BEFORE + CHIRP + AFTER, share * limit,
@@ -244,8 +244,8 @@ def information_gain(
     driven = candidate.chambers or tuple(c.name for c in model.chambers)
     course = [candidate.pressure if c.name in driven else Pulse(0.0) for c in model.chambers]
     inputs = course if len(course) > 1 else course[0]
-    seen = simulate(model, inputs, times=times, time_step=min(time_step, interval), check=False)["station_position"]
-    position = seen.sel(station=list(like.stations)).values
+    motion = simulate(model, inputs, times=times, time_step=min(time_step, interval), check=False)["station_position"]
+    position = motion.sel(station=list(like.stations)).values
     nominal = like.excitation in ("pulse", "step") and isinstance(candidate.pressure, Pulse)
     trace = None if nominal else sampled(candidate)
     drives = {} if trace is None or len(course) == 1 else dict.fromkeys(driven, trace)
@@ -253,10 +253,10 @@ def information_gain(
         "next", times, position, like.stations, "pulse" if nominal else "trace",
         None if drives else trace, level=candidate.level, known=like.known, drives=drives,
     )
-    own = {"next.start": BEFORE, "next.stop": float(candidate.pressure.jumps[-1])} if nominal else {}
+    edges = {"next.start": BEFORE, "next.stop": float(candidate.pressure.jumps[-1])} if nominal else {}
     records = {e.name for e in experiments}
-    values = {**{n: v for n, v in fitted.values.items() if n.partition(".")[0] not in records or n in sizes}, **own}
-    every = {**sizes, **dict.fromkeys(own, 0.01)}
+    values = {**{n: v for n, v in fitted.values.items() if n.partition(".")[0] not in records or n in sizes}, **edges}
+    every = {**sizes, **dict.fromkeys(edges, 0.01)}
     _, slopes = sensitivities(model, exp, values, every, time_step)
     J = compared_of(like, slopes).reshape(len(every), -1) * np.array(list(every.values()))[:, None]
     noise = np.sqrt(np.mean([v**2 for v in fitted.rmse.values()]) / like.compared.shape[2])
@@ -264,7 +264,7 @@ def information_gain(
     frames = max(1.0, fitted.covariance.correlated / interval)
     whole = J @ J.T / (noise**2 * frames)
     P = len(sizes)
-    if not own:
+    if not edges:
         return np.asarray(whole)
     return np.asarray(whole[:P, :P] - whole[:P, P:] @ np.linalg.pinv(whole[P:, P:]) @ whole[P:, :P])
 

@@ -83,18 +83,18 @@ def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
     """
     period = 1.0 / float(modes(model)[0][0])
     highest = max((e.peak for e in training), default=0.0)
-    found = {0.0}
+    levels = {0.0}
     for e in training if highest > 0 else ():
         if e.pressure is None:
-            found |= {e.level} if e.excitation in ("pulse", "step") else set()
+            levels |= {e.level} if e.excitation in ("pulse", "step") else set()
             continue
         time = np.arange(e.time[0], e.time[-1], 0.1 * period)
         p = e.pressure(time)
         where = np.round(p / highest * LEVELS)
         for k in np.unique(where):
             if (where == k).sum() >= 10:
-                found.add(float(np.median(p[where == k])) if k else 0.0)
-    return np.array(sorted(found))
+                levels.add(float(np.median(p[where == k])) if k else 0.0)
+    return np.array(sorted(levels))
 
 
 def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tuple[Array, Array]:
@@ -118,10 +118,10 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
         share = (p - levels[k - 1]) / (levels[k] - levels[k - 1])
         lines.append(known[k - 1] + share * (known[k] - known[k - 1]))
     points = {p.name: p for p in model.points}
-    shown = model.with_(stations=tuple(points[name] for name in exp.stations))
+    observed_model = model.with_(stations=tuple(points[name] for name in exp.stations))
 
     def places(q: list[Array]) -> Array:
-        chain = mechanics_of(shown)
+        chain = mechanics_of(observed_model)
         base = model.base_angle if exp.angle_reference in ("base", "joint") else 0.0
         rows = np.array([points_at(chain, chain.coordinates(one)) for one in q])
         if exp.dimension == 2:
@@ -135,10 +135,10 @@ def faster(exp: Experiment, modelled: Array, training: Sequence[Experiment]) -> 
     """Return the part of the tip's speed above the highest speed in training, as a fraction of the speed; 0 below it.
     The shape is (T, 1, 1) for T times.
     """
-    seen = (speed(e.time, e.last_station, settled=e.poses) for e in training)
-    limit = max((float(np.nanmax(s)) for s in seen), default=np.inf)
-    own = speed(exp.time, modelled[:, -1], settled=exp.poses)
-    return np.where(own > limit, 1.0 - limit / np.maximum(own, 1e-300), 0.0)[:, None, None]
+    training_speeds = (speed(e.time, e.last_station, settled=e.poses) for e in training)
+    limit = max((float(np.nanmax(s)) for s in training_speeds), default=np.inf)
+    model_speed = speed(exp.time, modelled[:, -1], settled=exp.poses)
+    return np.where(model_speed > limit, 1.0 - limit / np.maximum(model_speed, 1e-300), 0.0)[:, None, None]
 
 
 def speed(time: Array, path: Array, *, settled: bool = False) -> Array:

@@ -41,9 +41,9 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
     if not inputs:
         raise InputError(f"recording {name} holds no measured pressure or other input that could drive "
                          f"{', '.join(wanted)}: add it to the recording, or leave drive out")  # fmt: skip
-    there = [one.name or "the only one" for one in inputs]
-    what = inputs_word(one.kind for one in inputs)
-    found = {}
+    there = [signal.name or "the only one" for signal in inputs]
+    what = inputs_word(signal.kind for signal in inputs)
+    driven = {}
     for chamber, asked in wanted.items():
         k = there.index(asked) if asked in there else asked
         if not isinstance(k, int) or not 0 <= k < len(there):
@@ -51,8 +51,8 @@ def driving(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -
                 f"recording {name} has no {what} {asked!r} to drive {chamber!r}: it has {', '.join(there)} "
                 f"(use a name, or its index from 0 to {len(there) - 1})"
             )
-        found[chamber] = inputs[k]
-    return found
+        driven[chamber] = inputs[k]
+    return driven
 
 
 def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int]) -> dict[str, Trace]:
@@ -62,7 +62,7 @@ def drives_of(name: str, recording: xr.Dataset, wanted: Mapping[str, str | int])
 
 def traces_of(driven: Mapping[str, RecordedInput]) -> dict[str, Trace]:
     """Return each recorded input as a `Trace`, by the name of the model's input that it drives."""
-    return {to: Trace(one.time, np.array(one.values)) for to, one in driven.items()}
+    return {to: Trace(signal.time, np.array(signal.values)) for to, signal in driven.items()}
 
 
 def measured(
@@ -79,7 +79,7 @@ def measured(
         When an input of the model has no recorded one, when they differ in kind, or when samples are missing.
     """
     names = model.actuation.names
-    if strange := [one for one in drive or () if one not in names]:
+    if strange := [item for item in drive or () if item not in names]:
         raise InputError(
             f"drive names {strange[0]!r}, but the model has the {inputs_word(model.actuation.kinds)}s "
             f"{model.actuation.listing}: use one of these"
@@ -88,10 +88,10 @@ def measured(
         driven = {names[0]: only_input(name, recording)}
     else:
         driven = driving(name, recording, {n: n for n in names} if drive is None else drive)
-    for to, one in driven.items():
-        check_kind(f"recording {name}", model, to, one.kind)
-        if lost := int((~np.isfinite(one.values)).sum()):
-            raise InputError(f"recording {name}: {lost} samples of the {one.kind} are missing: interpolate them first")
+    for to, item in driven.items():
+        check_kind(f"recording {name}", model, to, item.kind)
+        if lost := int((~np.isfinite(item.values)).sum()):
+            raise InputError(f"recording {name}: {lost} samples of the {item.kind} are missing: interpolate them first")
     traces = traces_of(driven)
     return [traces.get(n, Pulse(0.0)) for n in names]
 
@@ -99,8 +99,8 @@ def measured(
 def only_input(name: str, recording: xr.Dataset) -> RecordedInput:
     """Return a recording's only measured input; raise InputError unless there is exactly one."""
     inputs = recorded_inputs(recording)
-    listed = ", ".join(one.name or one.kind for one in inputs) or "none"
-    if len(inputs) > 1 and all(one.kind == "pressure" for one in inputs):
+    listed = ", ".join(signal.name or signal.kind for signal in inputs) or "none"
+    if len(inputs) > 1 and all(signal.kind == "pressure" for signal in inputs):
         raise InputError(
             f"recording {name} has several pressures ({listed}): select the one that bends the body, or state with "
             "drive which of them drives which chamber of the model"
@@ -149,9 +149,9 @@ def check_kind(who: str, model: Model, to: str, kind: str) -> None:
     k = model.actuation.names.index(to) if to else 0
     wanted = model.actuation.kinds[k]
     if kind != wanted:
-        own, other = ("an angle" if word == "angle" else f"a {word}" for word in (wanted, kind))
+        expected, other = ("an angle" if word == "angle" else f"a {word}" for word in (wanted, kind))
         raise InputError(
-            f"{who}: input {model.actuation.names[k]!r} of model {model.name!r} is {own} "
+            f"{who}: input {model.actuation.names[k]!r} of model {model.name!r} is {expected} "
             f"[{model.actuation.units[k]}], but the input that drives it was recorded as {other} "
             f"[{INPUT_UNITS.get(kind, 'Pa')}]: correct driven_by of the tendon, kind in the mapping, or drive"
         )
@@ -167,8 +167,8 @@ def inputs_to(model: Model, exp: Experiment, start: float, stop: float) -> tuple
     if exp.excitation != "trace":
         width = np.inf if exp.excitation == "step" else max(stop - start, SHORTEST)
         return (Pulse(exp.level, start, width),)
-    seen = [exp.driving(name) for name in model.actuation.names]
-    return tuple(Pulse(0.0) if t is None else Trace(t.time + start, t.pressure) for t in seen)
+    signal = [exp.driving(name) for name in model.actuation.names]
+    return tuple(Pulse(0.0) if t is None else Trace(t.time + start, t.pressure) for t in signal)
 
 
 def at_rest(model: Model, exp: Experiment) -> str:
@@ -215,8 +215,8 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
         return []
-    seen = pressures_at(model, experiments)
-    moves = np.ptp(seen, axis=0)
+    inputs = pressures_at(model, experiments)
+    moves = np.ptp(inputs, axis=0)
     most = int(np.argmax(moves))
     findings = [
         f"{named(model, [k], first=True)} was hardly driven: its {model.chambers[k].kind} changes by only "
@@ -226,9 +226,9 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
     driven = [k for k in mine if moves[k] > IDLE * moves[most]]
     uneven = any(path.stem == "stiffness" and path.numbers for path in map(path_of, names))
     for a, b in combinations(driven, 2):
-        one, other = model.chambers[a], model.chambers[b]
-        if shared(seen[:, a], seen[:, b]) < ALIKE:
-            overlap = bool(np.any((one.joint_gain != 0) & (other.joint_gain != 0)))
+        first, other = model.chambers[a], model.chambers[b]
+        if shared(inputs[:, a], inputs[:, b]) < ALIKE:
+            overlap = bool(np.any((first.joint_gain != 0) & (other.joint_gain != 0)))
             findings.append(f"{named(model, [a, b], first=True)} {hardly_apart(overlap, uneven)}")
     return findings
 
@@ -236,10 +236,10 @@ def hardly_driven(names: Sequence[str], model: Model, experiments: Sequence[Expe
 def named(model: Model, places: Sequence[int], *, first: bool = False) -> str:
     """Return the kind and names of the model inputs at the indices `places` as text, such as "tendon m2"."""
     inputs = [model.chambers[k] for k in places]
-    kinds = {one.noun for one in inputs}
+    kinds = {chamber.noun for chamber in inputs}
     what = kinds.pop() if len(kinds) == 1 else "input"
     what = what.capitalize() if first else what
-    return f"{what}{'s' * (len(inputs) > 1)} {' and '.join(one.name for one in inputs)}"
+    return f"{what}{'s' * (len(inputs) > 1)} {' and '.join(chamber.name for chamber in inputs)}"
 
 
 def hardly_apart(overlap: bool, uneven: bool) -> str:
@@ -261,10 +261,10 @@ def findings_of_chambers(names: Sequence[str], model: Model, experiments: Sequen
     mine = fitted_chambers(names, model)
     if model.actuation.count == 1 or not mine:
         return ""
-    seen = pressures_at(model, experiments)
-    if idle := [k for k in mine if not seen[:, k].any()]:
+    inputs = pressures_at(model, experiments)
+    if idle := [k for k in mine if not inputs[:, k].any()]:
         return f"{named(model, idle[:1])} is driven in no recording"
     for a, b in combinations(mine, 2):
-        if shared(seen[:, a], seen[:, b]) < TOGETHER:
+        if shared(inputs[:, a], inputs[:, b]) < TOGETHER:
             return f"{named(model, [a, b])} were never driven separately: their gains cannot be distinguished"
     return ""

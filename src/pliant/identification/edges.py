@@ -19,9 +19,9 @@ def displacement(exp: Experiment) -> Array:
     change of an angle [rad] if only angles were recorded. Gaps are interpolated.
     """
     p = exp.steady
-    seen = np.isfinite(p).all(axis=1)
-    u = np.linalg.norm(p[seen] - np.median(p[seen][:FIRST], axis=0), axis=1)
-    return np.interp(exp.time, exp.time[seen], u)
+    complete = np.isfinite(p).all(axis=1)
+    u = np.linalg.norm(p[complete] - np.median(p[complete][:FIRST], axis=0), axis=1)
+    return np.interp(exp.time, exp.time[complete], u)
 
 
 def edges(exp: Experiment) -> dict[str, float]:
@@ -62,12 +62,12 @@ def advance(exp: Experiment) -> Array:
     The noise of a signed displacement averages to 0, that of a distance does not.
     """
     p = exp.steady
-    seen = np.isfinite(p).all(axis=1)
-    moved = p[seen] - np.median(p[seen][:FIRST], axis=0)
+    complete = np.isfinite(p).all(axis=1)
+    moved = p[complete] - np.median(p[complete][:FIRST], axis=0)
     far = moved[np.linalg.norm(moved, axis=1) > 0.5 * exp.travel]
     direction = far.mean(axis=0)
     along = moved @ direction / max(float(np.linalg.norm(direction)), 1e-300)
-    return np.interp(exp.time, exp.time[seen], along)
+    return np.interp(exp.time, exp.time[complete], along)
 
 
 def noise_of(exp: Experiment) -> float:
@@ -110,11 +110,11 @@ def held_pose(exp: Experiment) -> Array:
                          f"{exp.excitation}{' with angles only' if exp.without_positions else ''}: leave out "
                          "held = 'measured'")  # fmt: skip
     onset = edges(exp)["release"]
-    held = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
-    unseen = np.isnan(held).all(axis=0).any(axis=1)  # always one frame: the onset is one
+    before_release = exp.position[(exp.time <= onset) & (exp.time > onset - HELD_S)]
+    unseen = np.isnan(before_release).all(axis=0).any(axis=1)  # always one frame: the onset is one
     if unseen.any():
         raise InputError(
             f"experiment {exp.name}: station {exp.stations[unseen.argmax()]!r} is not seen in the {HELD_S} s before "
             "the release: leave out this station, or held = 'measured'"
         )
-    return np.asarray(np.nanmedian(held, axis=0))
+    return np.asarray(np.nanmedian(before_release, axis=0))

@@ -193,9 +193,9 @@ class Experiment(Shown):
                 raise InputError(f"experiment {self.name}: station {station!r} was seen in {few}: leave it out")
         pulls = tuple(checked(f"experiment {self.name}", f, self.dimension) for f in self.forces)
         object.__setattr__(self, "forces", pulls)
-        seen = self.steady
-        seen = seen[np.isfinite(seen).all(axis=1)]
-        travel = farthest(seen, poses=self.poses)
+        steady = self.steady
+        steady = steady[np.isfinite(steady).all(axis=1)]
+        travel = farthest(steady, poses=self.poses)
         if travel == 0:
             raise InputError(
                 f"experiment {self.name}: its last station, {self.stations[-1]!r}, never moves: check the recording, "
@@ -209,12 +209,12 @@ class Experiment(Shown):
         level = f"{self.level / 1e3:.4g} kPa"
         done = {"trace": "a measured pressure", "pulse": f"a pulse of {level}", "step": f"a step to {level}",
                 "release": "a release"}  # fmt: skip
-        seen = f"{self.time.size} frames of {', '.join(self.stations)} over {np.ptp(self.time):.3g} s"
+        extent = f"{self.time.size} frames of {', '.join(self.stations)} over {np.ptp(self.time):.3g} s"
         if self.drives:
             done["trace"] = f"measured pressures of {', '.join(self.drives)}"
         unit, factor = self.shown_in
         travel = f"travel {factor * self.travel:.3g} {unit}"
-        title = f"Experiment {self.name!r}: {done[self.excitation]}, {seen}, {travel}"
+        title = f"Experiment {self.name!r}: {done[self.excitation]}, {extent}, {travel}"
         return Card(title, drawing="" if self.without_positions else body_svg(self.drawn_poses(), title))
 
     def drawn_poses(self) -> list[tuple[str, Array]]:
@@ -224,9 +224,9 @@ class Experiment(Shown):
         whole = np.flatnonzero(np.isfinite(self.position).all(axis=(1, 2)))
         away = np.linalg.norm(self.position[whole, -1] - self.position[whole[:1], -1], axis=1)
         reached = [whole[np.argmax(away >= f * away.max())] for f in np.linspace(0, 1, 5)] if whole.size else []
-        shown = seen_from_side(self.position)
-        return [*(("measured", np.vstack([np.zeros((1, 2)), shown[k]])) for k in dict.fromkeys(reached)),
-                ("path", shown[:, -1])]
+        projected = seen_from_side(self.position)
+        return [*(("measured", np.vstack([np.zeros((1, 2)), projected[k]])) for k in dict.fromkeys(reached)),
+                ("path", projected[:, -1])]
 
     @property
     def dimension(self) -> int:
@@ -362,8 +362,8 @@ class Experiment(Shown):
         """Return the median position (S, 2 or 3) [m] of each of S markers over the first five frames that show the
         marker.
         """
-        seen = [p[np.isfinite(p).all(axis=1)][:FIRST_FRAMES] for p in np.moveaxis(self.position, 1, 0)]
-        return np.array([np.median(p, axis=0) for p in seen])
+        first_frames = [p[np.isfinite(p).all(axis=1)][:FIRST_FRAMES] for p in np.moveaxis(self.position, 1, 0)]
+        return np.array([np.median(p, axis=0) for p in first_frames])
 
     @property
     def own_parameters(self) -> tuple[str, ...]:

@@ -66,9 +66,9 @@ def check_extras(exp: Any) -> None:
 def check_excitation(exp: Any) -> None:
     """Raise InputError if the excitation of an experiment does not fit its pressure, or lacks its level [Pa]."""
     if (exp.excitation == "trace") != (exp.pressure is not None):
-        given = "no measured pressure" if exp.pressure is None else "a measured pressure"
+        inputs = "no measured pressure" if exp.pressure is None else "a measured pressure"
         raise InputError(
-            f"experiment {exp.name} has {given}, and excitation {exp.excitation!r}: set excitation to 'trace' if, and "
+            f"experiment {exp.name} has {inputs}, and excitation {exp.excitation!r}: set excitation to 'trace' if, and "
             "only if, you give a measured pressure"
         )
     if exp.excitation in ("pulse", "step") and not exp.level > 0:

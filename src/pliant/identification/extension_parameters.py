@@ -40,12 +40,12 @@ def stiffened(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
 
 def changed_extensions(extensions: Iterable[Extension], values: Mapping[str, float]) -> tuple[Extension, ...]:
     """Return the extensible segments with the parameter `values` applied. ``segment.name`` overrides ``name``."""
-    made = []
+    changed = []
     for e in extensions:
-        own: dict[str, Any] = {field: values[name] for name, field in OWN.items() if name in values}
-        own |= {field: values[f"{e.name}.{name}"] for name, field in OWN.items() if f"{e.name}.{name}" in values}
-        made.append(replace(e, **own) if own else e)
-    return tuple(made)
+        changes: dict[str, Any] = {field: values[name] for name, field in OWN.items() if name in values}
+        changes |= {field: values[f"{e.name}.{name}"] for name, field in OWN.items() if f"{e.name}.{name}" in values}
+        changed.append(replace(e, **changes) if changes else e)
+    return tuple(changed)
 
 
 def check_segment_names(names: Iterable[str], model: Model, others: set[str]) -> None:
@@ -59,13 +59,13 @@ def check_segment_names(names: Iterable[str], model: Model, others: set[str]) ->
             "is not clear: rename one of the two"
         )
     for name in names:
-        owner, dot, own = name.partition(".")
-        if (own if dot else owner) in (*OWN, "axial_gain") and not mine:
+        owner, dot, parameter = name.partition(".")
+        if (parameter if dot else owner) in (*OWN, "axial_gain") and not mine:
             raise InputError(
                 f"parameter {name}: the model has no extensible segment; give it extensions (in a study: "
                 "[[actuator.extensions]])"
             )
-        if dot and owner in mine and own not in OWN:
+        if dot and owner in mine and parameter not in OWN:
             raise InputError(
                 f"parameter {name}: {owner!r} is a segment, whose parameters are {', '.join(OWN)}: use one of these"
             )

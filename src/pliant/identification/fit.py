@@ -260,9 +260,9 @@ def starts_of(
 
 def check_identifiable(problem: Problem) -> None:
     """Raise FitError if the recordings do not determine every free parameter of a fit."""
-    found = [d for d in examine(problem).directions if d.kind == "null"]
-    if found:
-        said = "; ".join(f"{d.sentence} ({d.cure})" for d in found)
+    undetermined = [d for d in examine(problem).directions if d.kind == "null"]
+    if undetermined:
+        said = "; ".join(f"{d.sentence} ({d.cure})" for d in undetermined)
         raise FitError(f"these parameters cannot be fitted together: {said}; or pass regularise=True")
 
 
@@ -291,8 +291,8 @@ def predict_held_out(
     low, high = float(experiment.time[0]) - span, float(experiment.time[-1]) + span
     fixed += [Parameter(name, value, lower=low, upper=high) for name, value in moments.items()]
     fixed += carried_over(experiment, fitted)
-    own = fit([experiment], fitted.model, fixed, time_step=time_step, starts=1)
-    return predict(own.model, experiment, own.values, time_step), own
+    own_fit = fit([experiment], fitted.model, fixed, time_step=time_step, starts=1)
+    return predict(own_fit.model, experiment, own_fit.values, time_step), own_fit
 
 
 def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
@@ -302,12 +302,12 @@ def carried_over(experiment: Experiment, fitted: FitResult) -> list[Parameter]:
     The list is empty if the recording is not a release or the training recordings have no ``release_time``. The turn of
     the base (`base_turn`) differs between recordings and stays 0.
     """
-    own = [v for n, v in fitted.values.items() if n.partition(".")[0] in fitted.rmse and n.endswith(".release_time")]
-    if experiment.excitation != "release" or not own or "release_time" in fitted.values:
+    times = [v for n, v in fitted.values.items() if n.partition(".")[0] in fitted.rmse and n.endswith(".release_time")]
+    if experiment.excitation != "release" or not times or "release_time" in fitted.values:
         return []
-    source = f"mean of {len(own)} training records, standard deviation {np.std(own):.2g} s"
+    source = f"mean of {len(times)} training records, standard deviation {np.std(times):.2g} s"
     name = f"{experiment.name}.release_time"
-    return [Parameter(name, float(np.mean(own)), free=False, source=source)]
+    return [Parameter(name, float(np.mean(times)), free=False, source=source)]
 
 
 def best_edges(experiment: Experiment, fitted: FitResult, time_step: float) -> dict[str, float]:
@@ -331,10 +331,10 @@ def best_edges(experiment: Experiment, fitted: FitResult, time_step: float) -> d
 def error_at(experiment: Experiment, fitted: FitResult, times: Mapping[str, float], time_step: float) -> float:
     """Return the RMS error [m; angles: rad] of an experiment with edge `times` [s]; inf if it cannot be simulated."""
     try:
-        shown = predict(fitted.model, experiment, {**fitted.values, **times}, time_step)["compared"]
+        positions = predict(fitted.model, experiment, {**fitted.values, **times}, time_step)["compared"]
     except PliantError:
         return float("inf")
-    error = root_mean_square(shown, experiment.compared)
+    error = root_mean_square(positions, experiment.compared)
     return error if np.isfinite(error) else float("inf")
 
 
@@ -352,34 +352,34 @@ def finished(
     `failure` of the search goes into the status.
     """
     values = problem.values(best.x)
-    found = covariance(problem, best.x, robust=loss != "linear")
-    named = dict(zip(found.names, found.doubt, strict=True))
+    spread = covariance(problem, best.x, robust=loss != "linear")
+    named = dict(zip(spread.names, spread.doubt, strict=True))
     parameters = tuple(
         p.with_(value=values[p.name], std=named.get(p.name)) for p in problem.parameters
     )
-    own = tuple(f"{e.name}." for e in problem.experiments)
-    model = apply(problem.model, {k: v for k, v in values.items() if not k.startswith(own)})
+    record_prefixes = tuple(f"{e.name}." for e in problem.experiments)
+    model = apply(problem.model, {k: v for k, v in values.items() if not k.startswith(record_prefixes)})
     rmse = {
         e.name: root_mean_square(predict(problem.model, e, values, problem.time_step)["compared"], e.compared)
         for e in problem.experiments
     }
-    notes = cautions(model, parameters, problem.experiments, section_area) + combinations(problem, best.x, found)
-    notes += [found.note] if found.note else []
-    if found.correlated:
-        notes.append(f"Residuals are correlated over {found.correlated:.2g} s, which the standard errors count in.")
+    notes = cautions(model, parameters, problem.experiments, section_area) + combinations(problem, best.x, spread)
+    notes += [spread.note] if spread.note else []
+    if spread.correlated:
+        notes.append(f"Residuals are correlated over {spread.correlated:.2g} s, which the standard errors count in.")
     notes += [note for e in problem.experiments if (note := at_rest(problem.model, e))]
     notes += [note for e in problem.experiments if (note := held_note(problem.model, e, values))]
-    notes += step_notes(problem, best.x, found)
+    notes += step_notes(problem, best.x, spread)
     notes += hardly_driven([p.name for p in problem.free], problem.model, problem.experiments)
     if held_gains(parameters, problem.model):
         notes.append("The mean of the joints' gains is held constant: the torque law has a scale of its own.")
     mean_square = float(np.mean(problem.data_residual(best.x) ** 2))
-    bic = information_criterion(mean_square, found.effective, best.x.size)
+    bic = information_criterion(mean_square, spread.effective, best.x.size)
     failure = far_off(problem.experiments, rmse) or failure
     return FitResult(
         model, parameters, status_sentence(best, parameters, failure), rmse, problem.evaluations, seconds,
         best.status > 0 and not failure and not any(map(stopped_at, parameters)),
-        found, tuple(notes), bic, turns=problem.experiments[0].without_positions,
+        spread, tuple(notes), bic, turns=problem.experiments[0].without_positions,
         time_step=problem.time_step,
     )
 

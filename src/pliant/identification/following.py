@@ -82,7 +82,7 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
     check_lengths(chain, x=kind.value(numbers.phi), torque=kind.value(numbers.gain))
     rows = rows if forward.between is None else forward.between[0].size
     work = in_kind(chain.workspace(), kind)
-    places = places_of(forward, numbers, kind)
+    points = places_of(forward, numbers, kind)
     out: Array = kind.of(np.zeros((rows, forward.carrier.size, 3)))
     course = Course(numbers.h, numbers.torque, numbers.gain, forward.keep, numbers.load, numbers.base)
     before = Before(forward.still, numbers.held, numbers.held_base)
@@ -92,7 +92,7 @@ def integrated_rows(forward: ForwardProblem, numbers: Numbers, kind: NumberKind,
         past = (Past(numbers.memory, states, held),)
     failed = kind.twin(follow_loops.follow, *chain.sizes)(
         numbers.phi, numbers.rate, course, before, (numbers.body, numbers.joints), work,
-        Seen(places, out), *past,
+        Seen(points, out), *past,
     )
     if failed >= 0:
         h, phi = kind.value(numbers.h), kind.value(numbers.phi)
@@ -131,8 +131,8 @@ def initial_hysteresis_in_space(forward: ForwardProblem, numbers: Numbers, kind:
     """Return the hysteresis states at the start of a simulation in space, for a body that was pulled straight from its
     unloaded to its held pose.
     """
-    held = hysteresis_workspace(forward, numbers.joints, kind)
-    past = Past(numbers.memory._replace(boucwen_share=kind.of(0.0)), states, held)
+    workspace = hysteresis_workspace(forward, numbers.joints, kind)
+    past = Past(numbers.memory._replace(boucwen_share=kind.of(0.0)), states, workspace)
     straight: Array = kind.of(np.zeros(forward.model.size))
     kind.twin(follow_change, *mechanics_of(forward.model).sizes)(straight, numbers.phi, numbers.joints, past)
     return states

@@ -107,10 +107,10 @@ def experiment(
         drives = {to: Trace(ends, np.full(2, float(value))) for to, value in inputs.items()}
     elif drive and excitation != "release":
         drives = drives_of(name, recording, drive)
-        kinds = {to: one.kind for to, one in driving(name, recording, drive).items()}
+        kinds = {to: signal.kind for to, signal in driving(name, recording, drive).items()}
     elif excitation == "trace":
-        one = only_input(name, recording)
-        trace, kinds = Trace(one.time, np.array(one.values)), {"": one.kind}
+        signal = only_input(name, recording)
+        trace, kinds = Trace(signal.time, np.array(signal.values)), {"": signal.kind}
     exp = Experiment(
         name, recording.time.values.astype(float), recorded_places(recording, used), used, excitation, trace,
         float(recording.attrs.get("nominal_pressure", 0.0)), dict(known or {}),

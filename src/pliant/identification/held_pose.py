@@ -44,14 +44,14 @@ def pose_through(chain: Mechanics, positions: Array, cache: dict[Any, Any], cent
     model, centre = chain.model, np.zeros(chain.size) if centre is None else centre
     turned = [model.space.rest_turn, model.space.base_tilt] if model.space else [model.rest_angle]
     points = np.array([p[1:] for p in model.stations], dtype=float)
-    given = np.concatenate([[model.base_length, model.base_angle], model.link_length, points.ravel(),
+    key_values = np.concatenate([[model.base_length, model.base_angle], model.link_length, points.ravel(),
                             prior_weights(chain), centre, *(a.ravel() for a in (*turned, positions))])  # fmt: skip
-    if (key := given.tobytes()) not in cache:
-        latest = cache.get("latest", given[:0])
-        near = latest.size == given.size and np.abs(given - latest).max() < SAME_POSE
+    if (key := key_values.tobytes()) not in cache:
+        latest = cache.get("latest", key_values[:0])
+        near = latest.size == key_values.size and np.abs(key_values - latest).max() < SAME_POSE
         cache[key] = solved_stages(chain, positions, cache[latest.tobytes()] if near else (), centre)
         if not near:
-            cache["latest"] = given
+            cache["latest"] = key_values
     return np.array(cache[key][-1].pose)
 
 
@@ -138,8 +138,8 @@ class HeldPose:
         """
         q, second = start
         for _ in range(MOST_STEPS):
-            places, slopes = self.placed(q)
-            off = (places - self.positions).ravel() / self.distance
+            positions, slopes = self.placed(q)
+            off = (positions - self.positions).ravel() / self.distance
             second = self.second_derivative(q, off, slopes) if second is None else second
             move = np.linalg.solve(second, -slopes.T @ off - self.weight * (q - centre))
             if np.abs(move).max() < REACHED:
@@ -178,8 +178,8 @@ class HeldPose:
         """Return positions (S, 2 or 3) [m] of the points, and their derivatives (2 S or 3 S, N) by q (N,) in units of
         `distance`.
         """
-        places, slopes = self.chain.points_and_slopes(self.chain.coordinates(q))
-        return places, slopes.reshape(-1, q.size) @ self.chain.from_joints / self.distance
+        positions, slopes = self.chain.points_and_slopes(self.chain.coordinates(q))
+        return positions, slopes.reshape(-1, q.size) @ self.chain.from_joints / self.distance
 
 
 def beyond_reach(model: Model, stations: list[Station], positions: Array) -> dict[str, float]:

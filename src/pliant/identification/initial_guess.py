@@ -55,8 +55,8 @@ def free_decay(exp: Experiment) -> RingDown | None:
 
 def last_edge(exp: Experiment) -> float:
     """Return the last time [s] at which the measured pressure changed or a held body was let go."""
-    found = edges(exp)
-    return max(found.values()) if found else last_jump(exp)
+    edge_times = edges(exp)
+    return max(edge_times.values()) if edge_times else last_jump(exp)
 
 
 def last_jump(exp: Experiment) -> float:
@@ -98,9 +98,9 @@ def registered(model: Model, experiments: Sequence[Experiment], values: dict[str
             if name in known:
                 points[name] = known[name]
             elif name not in points:
-                seen = exp.position[np.isfinite(exp.position[:, k]).all(axis=1), k]
+                positions = exp.position[np.isfinite(exp.position[:, k]).all(axis=1), k]
                 link = m.n - 1 if name == exp.stations[-1] else None
-                still = seen[:5] if exp.held is None else seen[-5:]
+                still = positions[:5] if exp.held is None else positions[-5:]
                 points[name] = placed(m, phi, name, np.median(still, axis=0), link)
     return model.with_(stations=tuple(points.values()))
 
@@ -159,7 +159,7 @@ def estimate(
     wanted = {shared_name(p.name) for p in parameters if p.value is None}
     begun = {k: v for k, v in values.items() if not unfinished_law(k, wanted)}
     base, experiments = apply(model, begun), [e.synchronised(values) for e in experiments]
-    found = DEFAULTS | {
+    guess = DEFAULTS | {
         "mass": float(model.link_mass.sum()),
         **space_start(model), "gravity_angle": float(np.arctan2(-model.gravity[0], model.gravity[1])),
         **{f"gravity_{axis}": float(g) for axis, g in zip("xyz", model.gravity, strict=False)},
@@ -168,19 +168,19 @@ def estimate(
         **chambers_start(model, experiments),
     }
     for exp in experiments:
-        found |= {f"{exp.name}.{k}": v for k, v in edges(exp).items()}
-    found |= ring_start(base, experiments, wanted)
+        guess |= {f"{exp.name}.{k}": v for k, v in edges(exp).items()}
+    guess |= ring_start(base, experiments, wanted)
     limits = {p.name for p in parameters if p.value is None and shared_name(p.name) in chamber_guess(1.0)}
-    base = apply(base, {k: found[k] for k in ("stiffness", *limits) if k in found and (k in wanted or "." in k)})
+    base = apply(base, {k: guess[k] for k in ("stiffness", *limits) if k in guess and (k in wanted or "." in k)})
     base = registered(base, experiments, values)
     laws = torque_starts(base, experiments, {p.name for p in parameters if p.value is None}, values)
-    found |= laws | extension_starts(base, experiments, {**values, **laws})
+    guess |= laws | extension_starts(base, experiments, {**values, **laws})
     for point in base.points:
-        found |= {f"{point.name}.{k}": getattr(point, k) for k in ("along", "across", "aside")}
+        guess |= {f"{point.name}.{k}": getattr(point, k) for k in ("along", "across", "aside")}
     typical = typical_sizes(base, experiments)
     filled = []
     for p in parameters:
-        value = p.value if p.value is not None else found.get(p.name, found.get(shared_name(p.name)))
+        value = p.value if p.value is not None else guess.get(p.name, guess.get(shared_name(p.name)))
         if value is None:
             raise FitError(
                 f"parameter {p.name} needs a start value: it cannot be estimated from the recordings, so give one"
@@ -220,37 +220,37 @@ def ring_start(model: Model, experiments: Sequence[Experiment], wanted: set[str]
     """Return start values of stiffness and damping, by parameter name, from the free decays in the recordings.
     Without a free decay the model's own values are returned.
     """
-    found = {"stiffness": float(model.stiffness.mean()), "damping": float(model.damping.mean())}
+    start = {"stiffness": float(model.stiffness.mean()), "damping": float(model.damping.mean())}
     if not wanted & {"stiffness", "damping"}:
-        return found
+        return start
     rings = [(exp, ring) for exp in experiments if (ring := free_decay(exp)) is not None]
     if rings and "stiffness" in wanted:
-        found["stiffness"] = float(np.median([stiffness_for_frequency(model, e, ring.frequency) for e, ring in rings]))
+        start["stiffness"] = float(np.median([stiffness_for_frequency(model, e, ring.frequency) for e, ring in rings]))
     if rings and "damping" in wanted:
         omega = 2 * np.pi * np.median([ring.frequency for _, ring in rings])
         zeta = float(np.median([ring.damping_ratio for _, ring in rings]))
-        found["damping"] = float(2 * zeta * found["stiffness"] / omega)
-    return found
+        start["damping"] = float(2 * zeta * start["stiffness"] / omega)
+    return start
 
 
 def chambers_start(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
     """Return start values by parameter name: gains and tendon parameters as in the model, and wall limits of twice the
     peak pressure.
     """
-    found = chamber_guess(highest_level(experiments))
+    guess = chamber_guess(highest_level(experiments))
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         driven = [t for e in experiments for name, t in e.drives.items() if name == chamber.name]
         highest = max([abs(t.peak) for t in driven], default=highest_level(experiments))
-        found |= {f"{start}{k}": v for k, v in chamber_guess(highest).items()}
-        found[f"{start}gain"] = float(chamber.joint_gain.mean())
-        found |= {f"{start}{name}": float(getattr(chamber, field)) for name, field in fitted(TENDON).items()
+        guess |= {f"{start}{k}": v for k, v in chamber_guess(highest).items()}
+        guess[f"{start}gain"] = float(chamber.joint_gain.mean())
+        guess |= {f"{start}{name}": float(getattr(chamber, field)) for name, field in fitted(TENDON).items()
                   if chamber.signs}  # fmt: skip
         for field in ("joint_gain", "cross_gain"):
             gains = np.broadcast_to(getattr(chamber, field), model.n)
-            found |= {f"{start}{field}_{i + 1}": float(a) for i, a in enumerate(gains)}
+            guess |= {f"{start}{field}_{i + 1}": float(a) for i, a in enumerate(gains)}
             turned = np.hypot(chamber.joint_gain, chamber.cross_gain) > 0
-            found[f"{start}gain_{'xy'[field == 'cross_gain']}"] = float(gains[turned].mean()) if turned.any() else 0.0
-    return found
+            guess[f"{start}gain_{'xy'[field == 'cross_gain']}"] = float(gains[turned].mean()) if turned.any() else 0.0
+    return guess
 
 
 def bands_of_layouts(
@@ -262,7 +262,7 @@ def bands_of_layouts(
     """
     names = {p.name for p in parameters}
     chosen = {"fractional": lambda: band_of_rates(experiments), "payne": lambda: band_of_swings(experiments, model)}
-    found = []
+    listed = []
     for law, band in chosen.items():
         ends = [f"{law}_low", f"{law}_high"]
         if not {shared_name(name) for name in names} & {*fitted(LAYOUTS[law])} - {*ends}:
@@ -271,9 +271,9 @@ def bands_of_layouts(
             raise InputError(
                 f"parameter {moving[0]} bounds the range of {law}_* and cannot be fitted: give it free = false"
             )
-        found += [Parameter(name, value, free=False, source="the recordings' span")
+        listed += [Parameter(name, value, free=False, source="the recordings' span")
                   for name, value in zip(ends, band(), strict=True) if name not in names]
-    return found
+    return listed
 
 
 def band_of_rates(experiments: Sequence[Experiment]) -> tuple[float, float]:

@@ -58,8 +58,8 @@ class JointPrior:
 
     def of(self, names: Collection[str]) -> JointPrior:
         """Return the marginal prior of those parameters that are in `names`."""
-        kept = [i for i, name in enumerate(self.names) if name in names]
-        return JointPrior(tuple(self.names[i] for i in kept), self.mean[kept], self.covariance[np.ix_(kept, kept)])
+        index = [i for i, name in enumerate(self.names) if name in names]
+        return JointPrior(tuple(self.names[i] for i in index), self.mean[index], self.covariance[np.ix_(index, index)])
 
     def widened(self, variances: Mapping[str, float]) -> JointPrior:
         """Return the prior with the given variances (SI) added to those of the parameters named."""
@@ -71,11 +71,11 @@ class JointPrior:
         parameters of a fit. Parameters of the prior that are not free are left out.
         """
         listed = [p.name for p in free]
-        own = self.of(listed)
-        std = np.sqrt(np.diag(own.covariance))
-        size, turn = np.linalg.eigh(own.covariance / np.outer(std, std))
+        joint_prior = self.of(listed)
+        std = np.sqrt(np.diag(joint_prior.covariance))
+        size, turn = np.linalg.eigh(joint_prior.covariance / np.outer(std, std))
         root = (turn / np.sqrt(np.maximum(size, LEAST_EIGENVALUE))).T / std  # W with W C W' = 1
-        columns = [listed.index(name) for name in own.names]
+        columns = [listed.index(name) for name in joint_prior.names]
         rows = np.zeros((len(columns), len(listed)))
         rows[:, columns] = root * scale[columns]
-        return rows, root @ own.mean
+        return rows, root @ joint_prior.mean

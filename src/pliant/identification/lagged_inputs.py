@@ -24,7 +24,7 @@ def behind_lags(
     of a damped oscillation, and gives complex values.
     """
     nodes, rows = instants(time, sources)
-    pieces = np.stack([commanded(one, nodes, 0.0) for one in sources], axis=2)
+    pieces = np.stack([commanded(source, nodes, 0.0) for source in sources], axis=2)
     return [lagged(nodes, pieces[:, 0], pieces[:, 2], constant)[rows] for constant in time_constants]
 
 
@@ -32,6 +32,6 @@ def instants(time: Array, sources: Sequence[Input]) -> tuple[Array, Array]:
     """Return the times (N,) [s] of all frames and of the inputs' kinks until the last frame, and the indices (T,) of
     the T frames among them.
     """
-    kinks = np.unique(np.concatenate([one.breakpoints for one in sources]))
+    kinks = np.unique(np.concatenate([source.breakpoints for source in sources]))
     nodes = merge(np.concatenate([kinks[kinks < time[0] - SAME_TIME], time]), kinks, SAME_TIME)
     return nodes, np.searchsorted(nodes, time)

@@ -39,15 +39,15 @@ def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
     entries: dict[str, Any] = {}
     for law, part in LAYOUTS.items():
         fields = tuple(quantities(part.record))
-        given = {field: values[f"{law}_{field}"] for field in fields if f"{law}_{field}" in values}
-        if not given.keys() - {"low", "high"}:
+        stated = {field: values[f"{law}_{field}"] for field in fields if f"{law}_{field}" in values}
+        if not stated.keys() - {"low", "high"}:
             continue
-        if missing := [f"{law}_{field}" for field in fields if field not in given]:
+        if missing := [f"{law}_{field}" for field in fields if field not in stated]:
             raise InputError(
                 f"{law}_* needs all of its {len(fields)} parameters: {', '.join(missing)} is missing; "
                 "add what is missing"
             )
-        laid = {n: row for n, row in part.record(**given)._asdict().items() if n in quantities(Memory)}
+        laid = {n: row for n, row in part.record(**stated)._asdict().items() if n in quantities(Memory)}
         if any(path.field in laid and not path.owner for _, path in paths(values, MEMORY)):
             kind = next(iter(laid)).partition("_")[0]
             raise InputError(f"{law}_* sets all {kind} branches itself: leave out either {law}_* or {kind}_*")
@@ -57,17 +57,17 @@ def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
 
 def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     """Return the changes that `values` make to a model's creep and hysteresis, as a dict for `Model.with_`."""
-    own = [(name, path) for name, path in paths(values, MEMORY) if not path.owner]
-    entries: dict[str, Any] = {path.field: values[name] for name, path in own if not path.numbers} | laid_out(values)
+    named = [(name, path) for name, path in paths(values, MEMORY) if not path.owner]
+    entries: dict[str, Any] = {path.field: values[name] for name, path in named if not path.numbers} | laid_out(values)
     for kind, fields in branches().items():
         for field in fields:
             row = list(entries.get(field, getattr(model.memory, field)))
-            given = {path.number: values[name] for name, path in own if path.field == field}
-            for j in sorted(given):
+            by_number = {path.number: values[name] for name, path in named if path.field == field}
+            for j in sorted(by_number):
                 if j > len(row) + 1:
                     raise InputError(f"parameter {field}_{j}: number the branches 1, 2, ... without a gap")
-                row[j - 1 :] = [given[j], *row[j:]]
-            if given:
+                row[j - 1 :] = [by_number[j], *row[j:]]
+            if by_number:
                 entries[field] = tuple(row)
         lengths = [len(entries.get(field, getattr(model.memory, field))) for field in fields]
         if len(set(lengths)) > 1:

@@ -163,8 +163,8 @@ def takes(quantity: Quantity, numbers: tuple[str, ...]) -> bool:
 @cache
 def find_path(name: str) -> ParameterPath | None:
     """Return the parts of a parameter's name, or None for a name that no declaration has."""
-    owner, _, own = name.rpartition(".")
-    words = own.split("_")
+    owner, _, parameter = name.rpartition(".")
+    words = parameter.split("_")
     for size in range(min(3, len(words))):
         stem, numbers = "_".join(words[: len(words) - size]), tuple(words[len(words) - size :])
         row = declarations().get(stem)
@@ -185,10 +185,10 @@ def path_of(name: str) -> ParameterPath:
     if path := find_path(name):
         return path
     readable = families()
-    own = name[:80].rpartition(".")[2]
-    if former := [d.name for d in declarations().values() if own in d.quantity.formerly]:
-        raise InputError(f"unknown parameter {name!r}: use its present name, {name.removesuffix(own) + former[0]!r}")
-    near = get_close_matches(own, readable, 1, 0.6)
+    last = name[:80].rpartition(".")[2]
+    if former := [d.name for d in declarations().values() if last in d.quantity.formerly]:
+        raise InputError(f"unknown parameter {name!r}: use its present name, {name.removesuffix(last) + former[0]!r}")
+    near = get_close_matches(last, readable, 1, 0.6)
     meant = f"did you mean {near[0]!r}? Known are " if near else "use one of "
     raise InputError(
         f"unknown parameter {name!r}: {meant}{', '.join(readable)}, some also with the name of a recording or chamber "

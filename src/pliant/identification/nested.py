@@ -73,8 +73,8 @@ def warm_start(problem: Problem, smaller: FitResult) -> Array | None:
     ended = {**stated_values(smaller.model), **smaller.values}
     fitted = [next((ended[n] for n in (p.name, common_name(p.name)) if n in ended), None) for p in problem.free]
     added = [k for k, value in enumerate(fitted) if value is None]
-    kept = problem.start * problem.scale
-    x = np.array([k if v is None else v for v, k in zip(fitted, kept, strict=True)]) / problem.scale
+    values = problem.start * problem.scale
+    x = np.array([k if v is None else v for v, k in zip(fitted, values, strict=True)]) / problem.scale
     lower, upper = problem.bounds
     absent = [k for k in added if lower[k] <= 0.0 <= upper[k]]
     best = np.clip(np.where(np.isin(np.arange(x.size), absent), 0.0, x), lower, upper)
@@ -90,8 +90,8 @@ def warm_start(problem: Problem, smaller: FitResult) -> Array | None:
 def stated_values(model: Model) -> dict[str, float]:
     """Return the values (SI) of a model that are parameters of a fit under the same meaning, by parameter name."""
     axes = ("along", "across", "aside")
-    places = {f"{p.name}.{axis}": float(getattr(p, axis)) for p in model.points for axis in axes}
-    return {**places, "base_angle": model.base_angle, "mass": float(model.link_mass.sum()), "tip_mass": model.tip_mass}
+    points = {f"{p.name}.{axis}": float(getattr(p, axis)) for p in model.points for axis in axes}
+    return {**points, "base_angle": model.base_angle, "mass": float(model.link_mass.sum()), "tip_mass": model.tip_mass}
 
 
 def inside(problem: Problem, x: Array) -> Array:

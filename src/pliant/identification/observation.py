@@ -92,12 +92,12 @@ def lagged(rows: Array, times: Array, lags: Array) -> Array:
     step = np.diff(times)
     for s, lag in enumerate(lags):
         tau: Any = lag if np.real(lag) > LEAST_LAG else LEAST_LAG + lag - np.real(lag)
-        kept = np.exp(-step / tau)
-        rise = (1.0 - kept) * tau / step
+        fraction = np.exp(-step / tau)
+        rise = (1.0 - fraction) * tau / step
         banded = np.ones((2, times.size), dtype=rows.dtype)
-        banded[1, :-1] = -kept
+        banded[1, :-1] = -fraction
         aim = rows[:, s].copy()
-        aim[1:] = (rise - kept)[:, None] * rows[:-1, s] + (1.0 - rise)[:, None] * rows[1:, s]
+        aim[1:] = (rise - fraction)[:, None] * rows[:-1, s] + (1.0 - rise)[:, None] * rows[1:, s]
         out[:, s] = solve_banded((1, 0), banded, aim)
     return out
 

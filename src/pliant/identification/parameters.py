@@ -160,8 +160,8 @@ def shared_name(name: str) -> str:
 def for_record(values: Mapping[str, float], record: str) -> dict[str, float]:
     """Return the parameter values of one recording: the shared ones, overridden by those named ``RECORDING.name``."""
     prefix = f"{record}."
-    own = {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
-    return {**values, **own}
+    of_record = {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
+    return {**values, **of_record}
 
 
 def of_the_model(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
@@ -222,8 +222,8 @@ def moved_stations(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     if not any(paths(values, STATION)):
         return {}
     axes = quantities(Station)
-    places = ({k: values.get(f"{s.name}.{k}", getattr(s, k)) for k in axes} for s in model.points)
-    return {"stations": tuple(s._replace(**own) for s, own in zip(model.points, places, strict=True))}
+    coordinates = ({k: values.get(f"{s.name}.{k}", getattr(s, k)) for k in axes} for s in model.points)
+    return {"stations": tuple(s._replace(**moved) for s, moved in zip(model.points, coordinates, strict=True))}
 
 
 def moved_joints(model: Model, share: float) -> Model:
@@ -272,11 +272,11 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
     extension_parameters.check_segment_names([p.name for p in parameters], model, records | stations)
     space_parameters.check_space_names([p.name for p in parameters], model)
     known = records | stations | {*owners(model), *extension_parameters.segments(model)}
-    seen: set[str] = set()
+    listed: set[str] = set()
     for p in parameters:
-        if p.name in seen:
+        if p.name in listed:
             raise InputError(f"parameter {p.name} is listed twice: remove one of the two")
-        seen.add(p.name)
+        listed.add(p.name)
         owner, dot, _ = p.name.partition(".")
         if dot and owner not in known:
             what = "recording, station or chamber" if owners(model) else "recording or station"
@@ -286,7 +286,7 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
         if path.quantity.per in ("joint", "axis and joint") and path.numbers and not 1 <= path.number <= model.n:
             raise InputError(f"parameter {p.name}: the model has joints 1 to {model.n}; use one of their numbers")
     for start in ("", *(f"{name}." for name in owners(model))):
-        if f"{start}gain" in seen and any(name.startswith(f"{start}joint_gain_") for name in seen):
+        if f"{start}gain" in listed and any(name.startswith(f"{start}joint_gain_") for name in listed):
             raise InputError(
                 f"the parameters {start}gain and {start}joint_gain_<i> both set the gains of joints: leave one of them "
                 "out"

@@ -87,10 +87,10 @@ class Plans:
         """Return the `model` with the parameter values of one recording applied.
         Equal values return the same cached object.
         """
-        own = of_the_model(values)
-        key = (own, model.moving_base)
+        model_values = of_the_model(values)
+        key = (model_values, model.moving_base)
         if key not in self.models:
-            m = apply(model, dict(own))
+            m = apply(model, dict(model_values))
             points = {p.name: p for p in m.points}
             chain = mechanics_of(m)
             self.models[key] = ModelAt(m, chain.body, chain.joints, m.memory.law(), points, {}, {}, {}, {})

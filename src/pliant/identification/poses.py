@@ -84,9 +84,9 @@ def observed_poses(forward: ForwardProblem, numbers: Numbers, poses: Settling) -
     numbers = in_kind(numbers, COMPLEX)
     out = np.zeros((len(poses.x), forward.carrier.size, 3), dtype=complex)
     chain = mechanics_of(forward.model)
-    places = places_of(forward, numbers, COMPLEX)
+    points = places_of(forward, numbers, COMPLEX)
     show = twin(show_all, *chain.sizes)
-    show(commands(numbers), numbers.body, numbers.joints, chain.workspace(complex), poses, places, out)
+    show(commands(numbers), numbers.body, numbers.joints, chain.workspace(complex), poses, points, out)
     return out[1:]
 
 

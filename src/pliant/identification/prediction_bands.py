@@ -52,8 +52,8 @@ class Band(Shown):
 
     def holds(self, position: Float[Array, "T S k"]) -> float:
         """Return the fraction of the observed values in `position` that lie within the prediction interval."""
-        seen = np.isfinite(position)
-        return float(((self.lower <= position) & (position <= self.upper))[seen].mean())
+        measured = np.isfinite(position)
+        return float(((self.lower <= position) & (position <= self.upper))[measured].mean())
 
     def widened(self, spread: Float[Array, "T S k"]) -> Band:
         """Return the band with an additional standard deviation `spread` [m; rad], independent of the others."""
@@ -127,8 +127,8 @@ def prediction_band(
     theirs, mine = scaled[: len(shared)], scaled[len(shared) :]
     rows = compared_of(experiment, rows)
     if len(mine):
-        seen = np.isfinite(experiment.compared)
-        taken = np.linalg.lstsq(mine[:, seen].T, theirs[:, seen].T, rcond=HIDDEN)[0]
+        measured = np.isfinite(experiment.compared)
+        taken = np.linalg.lstsq(mine[:, measured].T, theirs[:, measured].T, rcond=HIDDEN)[0]
         theirs = theirs - np.tensordot(taken.T, mine, axes=1)
     unit = np.array([sizes[n] for n in names[: len(shared)]])
 
@@ -276,9 +276,9 @@ def variance_by(own: Array, traits: Array, square: Array) -> Array:
     size = np.sqrt(np.mean(traits**2, axis=0)) + 1e-300
     columns = []
     for column in square.T:
-        seen = np.isfinite(column)
-        parts = nnls(traits[seen] / size, column[seen])[0]
-        columns.append(np.maximum(own / size @ parts, LEAST_SQUARE * column[seen].mean()))
+        measured = np.isfinite(column)
+        parts = nnls(traits[measured] / size, column[measured])[0]
+        columns.append(np.maximum(own / size @ parts, LEAST_SQUARE * column[measured].mean()))
     return np.stack(columns, axis=1)
 
 

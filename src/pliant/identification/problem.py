@@ -235,11 +235,11 @@ class Problem:
 
 def scattered(free: Sequence[Parameter], x: Array, bounds: Sequence[Array], rng: np.random.Generator) -> Array:
     """Return a random start point near the scaled parameters x (P,): each changed by up to 30 %, except edge times."""
-    found = x.copy()
+    start = x.copy()
     for i, p in enumerate(free):
         if p.name.rpartition(".")[2] not in ("start", "stop", "release"):
-            found[i] += 0.3 * rng.uniform(-1, 1) * max(abs(found[i]), 1e-3)
-    return np.clip(found, *bounds)
+            start[i] += 0.3 * rng.uniform(-1, 1) * max(abs(start[i]), 1e-3)
+    return np.clip(start, *bounds)
 
 
 def scattered_start(parameters: Sequence[Parameter], rng: np.random.Generator) -> list[Parameter]:

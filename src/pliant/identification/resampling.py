@@ -42,12 +42,12 @@ def bootstrapped(
     _, values = bootstrap(
         experiments, fitted, replicates=replicates, time_step=time_step, weighting=weighting, loss=loss, rng=rng
     )
-    found = fitted.covariance._replace(matrix=np.atleast_2d(np.cov(values.T)), source="block bootstrap", clusters="")
-    errors = dict(zip(found.names, found.doubt, strict=True))
+    redrawn = fitted.covariance._replace(matrix=np.atleast_2d(np.cov(values.T)), source="block bootstrap", clusters="")
+    errors = dict(zip(redrawn.names, redrawn.doubt, strict=True))
     parameters = tuple(p.with_(std=errors.get(p.name)) for p in fitted.parameters)
     note = f"Standard errors come from {replicates} block-bootstrap replicates: residuals stay correlated in time."
     notes = tuple(n for n in fitted.notes if n != fitted.covariance.note)
-    return replace(fitted, parameters=parameters, covariance=found, notes=(*notes, note))
+    return replace(fitted, parameters=parameters, covariance=redrawn, notes=(*notes, note))
 
 
 def bootstrap(

@@ -65,8 +65,8 @@ class Observations:
         """Add the orientations of m stations in T frames, as quaternions (T, m, 4), to the observed values. `share`
         (m,) holds the weights of the stations.
         """
-        turn, seen = measured_turns(quaternion)
-        vectors = np.where(seen[..., None], rotation_vectors(turn), np.nan)
+        turn, measured = measured_turns(quaternion)
+        vectors = np.where(measured[..., None], rotation_vectors(turn), np.nan)
         known = self.exp.orientation_noise
         swing = max(float(np.nanmax(np.linalg.norm(vectors, axis=2))), 1e-9)
         off = partial(turns_off, oriented=self.exp.oriented, measured=turn, framed=self.exp.framed)
@@ -149,11 +149,11 @@ class Observations:
     def unknown_noise(self) -> list[tuple[int, tuple[int, ...]]]:
         """Return the stations and channels (x, y, angle) whose noise level was not given, so that it is estimated."""
         exp = self.exp
-        places: tuple[int, ...] = (0, 1) if self.planar else (0, 1, 2)
-        found = [(s, places) for s, name in enumerate(exp.stations) if name not in exp.noise]
+        axes: tuple[int, ...] = (0, 1) if self.planar else (0, 1, 2)
+        unknown = [(s, axes) for s, name in enumerate(exp.stations) if name not in exp.noise]
         if self.planar and exp.angle_noise is None:
-            found += [(s, (2,)) for s in range(len(exp.stations))]
-        return found + self.unknown
+            unknown += [(s, (2,)) for s in range(len(exp.stations))]
+        return unknown + self.unknown
 
     def modelled(self, rows: Array, about: Array | None = None) -> Array:
         """Return modelled positions and angles in the form of the observed ones. Angles are measured from the
@@ -175,9 +175,9 @@ def measured_turns(quaternion: Array) -> tuple[Array, Array]:
     """
     from scipy.spatial.transform import Rotation
 
-    seen = np.isfinite(quaternion).all(axis=2)
-    whole = np.where(seen[..., None], quaternion, [0.0, 0.0, 0.0, 1.0])
-    return Rotation.from_quat(whole.reshape(-1, 4)).as_matrix().reshape(*seen.shape, 3, 3), seen
+    complete = np.isfinite(quaternion).all(axis=2)
+    whole = np.where(complete[..., None], quaternion, [0.0, 0.0, 0.0, 1.0])
+    return Rotation.from_quat(whole.reshape(-1, 4)).as_matrix().reshape(*complete.shape, 3, 3), complete
 
 
 def decay_weights(exp: Experiment) -> Array:
@@ -186,13 +186,13 @@ def decay_weights(exp: Experiment) -> Array:
     The motion still to come is the largest distance of any station from its last position, in this or a later frame. At
     least `LEAST_MOTION` of the largest value is assumed.
     """
-    seen = exp.compared
-    last = [column[np.isfinite(column).all(axis=1)][-AT_END:].mean(axis=0) for column in np.swapaxes(seen, 0, 1)]
-    away = np.nan_to_num(np.linalg.norm(seen - np.array(last), axis=2)).max(axis=1)
+    positions = exp.compared
+    last = [column[np.isfinite(column).all(axis=1)][-AT_END:].mean(axis=0) for column in np.swapaxes(positions, 0, 1)]
+    away = np.nan_to_num(np.linalg.norm(positions - np.array(last), axis=2)).max(axis=1)
     to_come = np.maximum.accumulate(away[::-1])[::-1]
     weight = 1.0 / (to_come + LEAST_MOTION * to_come[0])
-    shown = np.isfinite(seen).any(axis=(1, 2))
-    return np.asarray(weight / np.sqrt(np.mean(weight[shown] ** 2)))
+    frames = np.isfinite(positions).any(axis=(1, 2))
+    return np.asarray(weight / np.sqrt(np.mean(weight[frames] ** 2)))
 
 
 def largest_change(values: Array | None) -> float:
@@ -262,12 +262,12 @@ def falling_correlations(r: Array, least: float) -> list[float]:
     below `least`. It is pooled over all C series of T frames.
     """
     power = float(np.sum(r * r))
-    found: list[float] = []
+    correlations: list[float] = []
     if power <= 0 or r.shape[0] < 8:
-        return found
+        return correlations
     for lag in range(1, r.shape[0] // 4):
         rho = float(np.sum(r[lag:] * r[:-lag])) / power
         if rho < least:
             break
-        found.append(rho)
-    return found
+        correlations.append(rho)
+    return correlations

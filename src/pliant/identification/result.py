@@ -188,12 +188,12 @@ def cautions(
     values = values_of(parameters)
     free = {p.name: stem_of(p.name) for p in parameters if p.free}
     none = sorted(n for n, stem in free.items() if stem == "damping" and values[n] <= 1e-9 * model.stiffness.mean())
-    found = [f"{n} is zero, which no real body has: another parameter accounts for the decay, or the time step is too "
+    texts = [f"{n} is zero, which no real body has: another parameter accounts for the decay, or the time step is too "
              "long." for n in none]  # fmt: skip
     if section_area is not None:
         density = float(model.link_mass.sum()) / (section_area * float(model.link_length.sum()))
         if not LIGHTEST <= density <= DENSEST:
-            found.append(
+            texts.append(
                 f"the mass and the section give a density of {1e-3 * density:.1f} t/m3, implausible for silicone: the "
                 "mass compensates for another effect, such as a lag of the pressure that is not in the model."
             )
@@ -201,17 +201,17 @@ def cautions(
         lag = max(max(c.valve.rise_time, c.valve.fall_time) for c in model.chambers)
         width = pulse_width(exp, values)
         if lag > width and {*free.values()} & {"valve_rise_time", "valve_fall_time"}:
-            found.append(
+            texts.append(
                 f"the valve's lag of {lag:.3g} s is longer than the pulse of {exp.name}, {width:.3g} s: it compensates "
                 "for another effect, such as creep."
             )
             break
     if model.actuation.count > 1:  # those on opposite sides bend opposite ways
-        return [sentence[0].upper() + sentence[1:] for sentence in found]
+        return [sentence[0].upper() + sentence[1:] for sentence in texts]
     gain = float((model.joint_gain * model.torque_at(max(e.peak for e in experiments))).min()) if experiments else 1.0
     if gain < 0 and {*free.values()} & {"torque", "gain"}:
-        found.append("the torque is negative at the highest pressure: model and recordings bend opposite ways.")
-    return [sentence[0].upper() + sentence[1:] for sentence in found]
+        texts.append("the torque is negative at the highest pressure: model and recordings bend opposite ways.")
+    return [sentence[0].upper() + sentence[1:] for sentence in texts]
 
 
 def pulse_width(exp: Experiment, values: dict[str, float]) -> float:

@@ -102,8 +102,8 @@ def slopes_of(
     shared = shared_key(exp, values, forward)
     slopes_at_base: list[tuple[int, Slope]] = []
     for k, (name, size) in enumerate(sizes.items()):
-        owner, dot, own = name.partition(".")
-        if (own if dot and owner == exp.name else name) in exp.known:
+        owner, dot, parameter = name.partition(".")
+        if (parameter if dot and owner == exp.name else name) in exp.known:
             continue
         drive = forward.drive if name.rpartition(".")[2] not in MOVE_STEPS else None
         key = (name, *shared) if shared and drive else None
@@ -134,8 +134,8 @@ def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardPro
     """Return a cache key for the derivatives of a simulation's inputs, those of torques excluded. Recordings with equal
     keys share these derivatives; () means that they are not shared.
     """
-    own = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
-    if not forward.from_rest or exp.forces or exp.base or exp.own_places or exp.known or own - {"start", "stop"}:
+    of_record = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
+    if not forward.from_rest or exp.forces or exp.base or exp.own_places or exp.known or of_record - {"start", "stop"}:
         return ()
     same = (forward.numbers.torque_before, forward.numbers.phi, forward.numbers.chambers)
     return (exp.stations, exp.angle_reference, exp.framed.tobytes(), *(a.tobytes() for a in same))

@@ -46,16 +46,16 @@ def searched(
     unknown = any(p.value is None and shared_name(p.name) == "stiffness" for p in listed)
     if model.space is None or not unknown:
         return prepare(experiments, model, parameters)
-    given = apply(model, values_of(listed))
-    middle = ring_start(given, experiments, {"stiffness"})["stiffness"]
-    seen = [beginning(e, max(DURATION / len(experiments), SHORTEST)) for e in experiments]
+    start_model = apply(model, values_of(listed))
+    middle = ring_start(start_model, experiments, {"stiffness"})["stiffness"]
+    beginnings = [beginning(e, max(DURATION / len(experiments), SHORTEST)) for e in experiments]
 
     def tried(stiffness: float, ratio: float) -> TrialStart | None:
-        return candidate(seen, model, stated(listed, model, stiffness, ratio), stiffness, time_step, weighting)
+        return candidate(beginnings, model, stated(listed, model, stiffness, ratio), stiffness, time_step, weighting)
 
-    found = [c for factor in FACTORS if (c := tried(middle * factor, RATIOS[0]))]
-    found += [c for best in best_of(found) for ratio in RATIOS[1:] if (c := tried(best.stiffness, ratio))]
-    ends = [short_fit(c, time_step, weighting, seen) for c in best_of(found)]
+    candidates = [c for factor in FACTORS if (c := tried(middle * factor, RATIOS[0]))]
+    candidates += [c for best in best_of(candidates) for ratio in RATIOS[1:] if (c := tried(best.stiffness, ratio))]
+    ends = [short_fit(c, time_step, weighting, beginnings) for c in best_of(candidates)]
     if not ends:  # it says what is wrong
         return prepare(experiments, model, parameters)
     values = min(ends, key=lambda end: end[0])[1]
@@ -127,10 +127,10 @@ def stated(listed: Sequence[Parameter], model: Model, stiffness: float, ratio: f
     m/rad], and the damping that gives the first mode the damping ratio `ratio`.
     """
     omega = 2 * np.pi * float(modes(model.with_(stiffness=stiffness, gravity=0 * model.gravity))[0][0])
-    own = {"stiffness": stiffness, "damping": 2 * ratio * stiffness / omega}
+    trial_values = {"stiffness": stiffness, "damping": 2 * ratio * stiffness / omega}
     return [
-        p if p.value is not None or (kind := shared_name(p.name)) not in own
-        else p.with_(value=float(np.clip(own[kind], p.lower, p.upper)))
+        p if p.value is not None or (kind := shared_name(p.name)) not in trial_values
+        else p.with_(value=float(np.clip(trial_values[kind], p.lower, p.upper)))
         for p in listed
     ]  # fmt: skip
 
@@ -150,17 +150,17 @@ def candidate(
         torques = linear_torques(placed, listed)
         fixed = [p.with_(free=p.name in torques) for p in filled]
         problem = Problem(list(experiments), placed, fixed, time_step, weighting)
-        found = [problem.start]
+        solutions = [problem.start]
         if torques:
             still = np.clip(0.0 * problem.start, *problem.bounds)
             r = problem.residual(still)
             if not problem.broken:
                 moves = np.linalg.lstsq(problem.jacobian(still), -r, rcond=1e-6)[0]
-                found.append(np.clip(still + moves, *problem.bounds))
-        costs = [problem.cost(x) for x in found]
+                solutions.append(np.clip(still + moves, *problem.bounds))
+        costs = [problem.cost(x) for x in solutions]
     except PliantError:
         return None
-    values = problem.values(found[int(np.argmin(costs))])
+    values = problem.values(solutions[int(np.argmin(costs))])
     if not np.isfinite(min(costs)):
         return None
     return TrialStart(min(costs), stiffness, placed, [p.with_(value=values[p.name]) for p in filled])

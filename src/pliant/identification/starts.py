@@ -103,8 +103,8 @@ def first_motion(exp: Any) -> FirstMotion:
 
     Frames that repeat the one before, as of a tracker that is slower than the log, are not used.
     """
-    places, rates = zip(*(parabola(*first_frames(exp, k), exp.time[0]) for k in range(len(exp.stations))), strict=True)
-    return FirstMotion(np.array(places), np.array(rates))
+    points, rates = zip(*(parabola(*first_frames(exp, k), exp.time[0]) for k in range(len(exp.stations))), strict=True)
+    return FirstMotion(np.array(points), np.array(rates))
 
 
 def parabola(time: Array, position: Array, start: float) -> tuple[Array, Array]:
@@ -126,8 +126,8 @@ def distinct_frames(exp: Any, station: int) -> tuple[Array, Array]:
     """Return times (K,) [s] and positions (K, d) [m] of the frames that show a station, without those that repeat the
     frame before.
     """
-    shown = np.isfinite(exp.position[:, station]).all(axis=1)
-    position, time = exp.position[shown, station], exp.time[shown]
+    complete = np.isfinite(exp.position[:, station]).all(axis=1)
+    position, time = exp.position[complete, station], exp.time[complete]
     other = np.append(True, (np.diff(position, axis=0) != 0).any(axis=1))
     return time[other], position[other]
 

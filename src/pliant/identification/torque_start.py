@@ -37,24 +37,24 @@ def torque_starts(
 
     In a model of several chambers, one that is never driven alone gets a torque that bends a joint by 0.1 rad.
     """
-    found: dict[str, float] = {}
+    starts: dict[str, float] = {}
     several, sizes, mine = model.actuation.count > 1, typical_sizes(model, experiments), owners(model)
     shared = {shared_name(n) for n in wanted if n.partition(".")[0] not in mine}
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         pushed = [e for e in experiments if alone(e, chamber.name) or (not several and e.excitation != "release")]
-        own = {n.removeprefix(start) for n in wanted if n.startswith(start)}
-        law = {n for n in own | shared if n.startswith("torque_") or n in law_parameters()}
-        given = {**values, **{k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}}
-        begun = torque_start(model, pushed, law, given, chamber)
+        of_chamber = {n.removeprefix(start) for n in wanted if n.startswith(start)}
+        law = {n for n in of_chamber | shared if n.startswith("torque_") or n in law_parameters()}
+        chamber_values = {**values, **{k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}}
+        begun = torque_start(model, pushed, law, chamber_values, chamber)
         if several and not pushed:
             level = np.array([max(highest_level(experiments), 1.0)])
             begun = {n: sizes.get(n, 0.0) if n == "torque_1" else 0.0 for n in law} | law_starts(
                 law, level, sizes.get("torque_1", 0.0) * level
             )
         for n, v in begun.items():
-            if pushed or (start + n if n in own else n) not in found:
-                found[start + n if n in own else n] = v
-    return found
+            if pushed or (start + n if n in of_chamber else n) not in starts:
+                starts[start + n if n in of_chamber else n] = v
+    return starts
 
 
 def torque_start(
@@ -74,10 +74,10 @@ def torque_start(
         return named
     weight = 1.0 / np.maximum(torques, 1e-12)
     known = [(path.number, values[n]) for n, path in paths(values, CHAMBER) if path.stem == "torque" and not path.owner]
-    given = sum(v * levels[:, 0] ** k for k, v in known)
+    known_torque = sum(v * levels[:, 0] ** k for k, v in known)
     powers = np.array(sorted(path_of(n).number for n in wanted))
     basis = levels[:, :1] ** powers
-    solution = np.linalg.lstsq(basis * weight[:, None], (torques - given) * weight, rcond=None)[0]
+    solution = np.linalg.lstsq(basis * weight[:, None], (torques - known_torque) * weight, rcond=None)[0]
     return {f"torque_{k}": float(v) for k, v in zip(powers, solution, strict=True)}
 
 
@@ -92,7 +92,7 @@ def torque_for_plateau(model: Model, exp: Experiment, target: float, chamber: Ac
     """Return the torque [N m] of a chamber that displaces the last station by `target` [m; angles:
     rad] in equilibrium.
     """
-    joints, c = mechanics_of(model).joints, [one.name for one in model.chambers].index(chamber.name)
+    joints, c = mechanics_of(model).joints, [entry.name for entry in model.chambers].index(chamber.name)
     share = model.actuation.gain[c]
     k, last = next((k, p) for k, p in enumerate(model.points) if p.name == exp.stations[-1])
 
@@ -158,23 +158,23 @@ def extension_starts(model: Model, experiments: Sequence[Experiment], torques: M
     """
     if not mechanics_of(model).lengthens:
         return {}
-    found = {name: float(np.mean([getattr(e, f) for e in model.extensions])) for name, f in ALWAYS.items()}
-    found |= {f"{e.name}.{name}": getattr(e, f) for e in model.extensions for name, f in ALWAYS.items()}
-    strain, force = max([grown(e) for e in experiments], default=0.0), found["axial_stiffness"]
+    starts = {name: float(np.mean([getattr(e, f) for e in model.extensions])) for name, f in ALWAYS.items()}
+    starts |= {f"{e.name}.{name}": getattr(e, f) for e in model.extensions for name, f in ALWAYS.items()}
+    strain, force = max([grown(e) for e in experiments], default=0.0), starts["axial_stiffness"]
     for start, chamber in zip(prefixes(model), model.chambers, strict=True):
         law = {path.number: torques[n] for n, path in paths(torques, CHAMBER)
                if path.stem == "torque" and path.owner == start.removesuffix(".")}  # fmt: skip
-        seen = [t for e in experiments if (t := e.driving(chamber.name))]
-        level = max([t.peak for t in seen], key=abs, default=0.0)
+        traces = [t for e in experiments if (t := e.driving(chamber.name))]
+        level = max([t.peak for t in traces], key=abs, default=0.0)
         torque = sum(v * level**k for k, v in law.items()) or float(chamber.torque_at(level))
-        found[f"{start}axial_gain"] = strain * force / torque if torque > 0 else 0.0
-    return {"axial_gain": float(np.mean([found[f"{s}axial_gain"] for s in prefixes(model)]))} | found
+        starts[f"{start}axial_gain"] = strain * force / torque if torque > 0 else 0.0
+    return {"axial_gain": float(np.mean([starts[f"{s}axial_gain"] for s in prefixes(model)]))} | starts
 
 
 def grown(exp: Experiment) -> float:
     """Return the axial strain of the body at its peak displacement, from arcs through its stations; at least 0."""
-    seen = np.isfinite(exp.position).all(axis=(1, 2))
-    length, tip = arc_lengths(exp.position[seen]), exp.position[seen, -1]
+    complete = np.isfinite(exp.position).all(axis=(1, 2))
+    length, tip = arc_lengths(exp.position[complete]), exp.position[complete, -1]
     if length.size < 10:
         return 0.0
     moved = np.linalg.norm(tip - np.median(tip[:5], axis=0), axis=1)

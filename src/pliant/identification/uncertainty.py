@@ -63,8 +63,8 @@ class Covariance(NamedTuple):
         scatter = f"the scatter between {self.clusters}, at least noise" if self.clusters else "noise alone"
         if self.form is None:
             return f"Standard errors come from {scatter}."
-        shown = ~np.asarray(self.hidden, dtype=bool)
-        form, rest = np.diag(self.form)[shown], np.diag(self.matrix)[shown]
+        visible = ~np.asarray(self.hidden, dtype=bool)
+        form, rest = np.diag(self.form)[visible], np.diag(self.matrix)[visible]
         part = 100 * float(np.median(form / np.maximum(form + rest, 1e-300)))
         return (f"Standard errors come from {scatter}, and from errors of the model's form: {part:.0f} % of the "
                 "variance of a typical parameter.")  # fmt: skip
@@ -95,17 +95,17 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
     length = np.linalg.norm(J, axis=0)
     dark = length <= 1e-12 * max(length.max(), 1e-300)
     norm = np.where(dark, 1.0, length)
-    own = J / norm
+    scaled = J / norm
     known = problem.size * problem.known[0] / norm
-    _, s, vt = np.linalg.svd(np.linalg.qr(np.concatenate([own, known]), mode="r"))
-    seen = s > HIDDEN * s[0]
-    inverse = (vt[seen].T / s[seen] ** 2) @ vt[seen]
-    hidden = (dark & ~known.any(axis=0)) | ((vt[~seen] ** 2).sum(axis=0) > 1e-6)
+    _, s, vt = np.linalg.svd(np.linalg.qr(np.concatenate([scaled, known]), mode="r"))
+    visible = s > HIDDEN * s[0]
+    inverse = (vt[visible].T / s[visible] ** 2) @ vt[visible]
+    hidden = (dark & ~known.any(axis=0)) | ((vt[~visible] ** 2).sum(axis=0) > 1e-6)
     freedom = r.size / max(r.size - x.size, 1)
     flat = problem.size**2 * known.T @ known
     dense = flat.copy()
     widths, effective = [], 0.0
-    for (o, part), (_, mine) in zip(problem.parted(r), problem.parted(own), strict=True):
+    for (o, part), (_, mine) in zip(problem.parted(r), problem.parted(scaled), strict=True):
         size = np.median(np.abs(part)) / 0.6745 if robust else np.sqrt(np.mean(part**2))
         lacking = max(1.0, problem.least_error / max(float(size), 1e-300)) ** 2 if problem.least_error else 1.0
         flat += lacking * size**2 * mine.T @ mine
@@ -121,11 +121,11 @@ def covariance(problem: Problem, x: Array, *, robust: bool = False) -> Covarianc
     scale = np.outer(problem.scale / norm, problem.scale / norm) * freedom
     names = tuple(p.name for p in problem.free)
     noise, white = (inverse @ middle @ inverse for middle in (dense, flat))
-    parts = [(o, part, mine) for (o, part), (_, mine) in zip(problem.parted(r), problem.parted(own), strict=True)]
+    parts = [(o, part, mine) for (o, part), (_, mine) in zip(problem.parted(r), problem.parted(scaled), strict=True)]
     scores = np.stack([mine.T @ part for _, part, mine in parts])
     between = scatter_between(scores, inverse, freedom * within_recordings(parts, inverse))
     clusters = clusters_of(problem, x, r)
-    scatter = clusters.sandwich(own, r, inverse)
+    scatter = clusters.sandwich(scaled, r, inverse)
     return Covariance(
         names, scale * (noise if scatter is None else at_least(noise, scatter)), scale * white, hidden, max(widths),
         effective, between=None if between is None else between * scale / freedom, clusters=clusters.words,
@@ -141,9 +141,9 @@ def within_recordings(parts: Sequence[tuple[Any, Array, Array]], inverse: Array)
     """
     middle = np.zeros_like(inverse)
     for o, part, mine in parts:
-        own = part - mine @ np.linalg.lstsq(mine, part, rcond=HIDDEN)[0]
-        size = float(own @ own) / max(own.size - len(inverse), 1)
-        middle += correlated_frames(o, own) * size * mine.T @ mine
+        remainder = part - mine @ np.linalg.lstsq(mine, part, rcond=HIDDEN)[0]
+        size = float(remainder @ remainder) / max(remainder.size - len(inverse), 1)
+        middle += correlated_frames(o, remainder) * size * mine.T @ mine
     return np.asarray(inverse @ middle @ inverse)
 
 

@@ -19,7 +19,7 @@ def mechanics_of(model: Model) -> Mechanics:
     """
     if not isinstance(model, Model):
         raise InputError(f"expected a Model, got {model!r:.80}: read the file of a model with load_model")
-    kept = model.__dict__.get("_mechanics")
-    if kept is None:
-        kept = model.__dict__["_mechanics"] = SpatialChain(model) if model.space else PlanarChain(model)
-    return kept
+    mechanics = model.__dict__.get("_mechanics")
+    if mechanics is None:
+        mechanics = model.__dict__["_mechanics"] = SpatialChain(model) if model.space else PlanarChain(model)
+    return mechanics

@@ -22,14 +22,14 @@ def complex_slopes(
     `accelerate` is the result of `Mechanics.acceleration`. `motion.acceleration_jacobian` does the same for a planar
     chain of constant length. `work.A` keeps the factors of M.
     """
-    given = [of_kind(value, complex) for value in (torque, body, joints)]
+    arguments = [of_kind(value, complex) for value in (torque, body, joints)]
     scratch = type(work)(*(a.astype(complex) for a in work))
     moved = np.empty(x.size, dtype=complex)
     for by_rate, rows in enumerate((out.a_phi, out.a_w)):
         for k in range(x.size):
             position, rate = x.astype(complex), v.astype(complex)
             (rate if by_rate else position)[k] += 1j * TINY
-            accelerate(position, rate, *given, scratch, moved)
+            accelerate(position, rate, *arguments, scratch, moved)
             rows[k], out.a[:] = moved.imag / TINY, moved.real
     work.A[:] = scratch.A.real
 

@@ -190,13 +190,13 @@ class Mechanics(ABC):
         """
         q, dq = self.joint_coordinates(x), self.joint_rates(v)
         named = ((kind, value, k) for kind in self.kinds for k, value in enumerate((q, dq)))
-        found: dict[str, tuple[tuple[str, ...], Array]] = {
+        table: dict[str, tuple[tuple[str, ...], Array]] = {
             kind.names[k]: (("time", kind.over), value[:, kind.rows]) for kind, value, k in named
         }
         if self.lengthens:
             gained = x[:, self.size - len(self.model.extensions) :] * self.model.segment_length
-            found["extension"] = (("time", "segment"), gained)
-        return found
+            table["extension"] = (("time", "segment"), gained)
+        return table
 
     @cached_property
     def axial_laws(self) -> int:

@@ -94,13 +94,13 @@ class PlanarChain(Mechanics):
         K, D = np.append(model.stiffness, axial[0]), np.append(model.damping, axial[1])
         hardening = springs.springs_of(model).hardening
         # copies: kernels are compiled anew for each mixture of arrays that may and may not be written to
-        given = model.base_angle, np.array(model.rest_angle), K, D
+        values = model.base_angle, np.array(model.rest_angle), K, D
         if not self.segments:
-            return Joints(*given, hardening, np.array(model.rest_angle))
+            return Joints(*values, hardening, np.array(model.rest_angle))
         if self.axial_laws & CURVED:
             hardening = np.concatenate([hardening, springs.axial_springs_of(model).hardening], axis=1)
         moved = np.zeros(self.segments if self.axial_laws & REMEMBERS else 0)
-        return ExtensibleJoints(*given, hardening, np.array(model.rest_angle), moved)
+        return ExtensibleJoints(*values, hardening, np.array(model.rest_angle), moved)
 
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
         return planar_workspace(self.n, self.segments, kind)
@@ -195,9 +195,9 @@ class PlanarChain(Mechanics):
         joints = self.joints
         if isinstance(joints, ExtensibleJoints) and joints.rest.size:
             shapes = {"theta0": self.n, "rest": self.segments}
-            own = {f: np.zeros(shapes.get(f, self.size)) for f in ExtensibleHeld._fields if f != "springs"}
-            seen = joints._replace(theta0=own["theta0"], K=own["K"], rest=own["rest"])
-            return ExtensibleHeld(springs=seen, **own)
+            arrays = {f: np.zeros(shapes.get(f, self.size)) for f in ExtensibleHeld._fields if f != "springs"}
+            elastic_joints = joints._replace(theta0=arrays["theta0"], K=arrays["K"], rest=arrays["rest"])
+            return ExtensibleHeld(springs=elastic_joints, **arrays)
         size = {name: self.size if name in ("phi", "w") else self.n for name in Held._fields if name != "springs"}
         rows = {name: np.zeros(length) for name, length in size.items()}
         rows |= {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
@@ -319,10 +319,10 @@ class PlanarChain(Mechanics):
         total = np.zeros((len(forces), *self.no_loads().shape))
         links = np.arange(-1 if self.segments else 0, self.n)
         length = self.length[-links.size :]
-        for f, place in enumerate(points):
-            own, pull = links == place.link, forces[:, f, None]
-            along = pull * np.where(own, place.along, length * (links < place.link))[:, None]
-            across = pull[..., ::-1] * [1.0, -1.0] * (place.across * own)[:, None]
+        for f, point in enumerate(points):
+            carrying, pull = links == point.link, forces[:, f, None]
+            along = pull * np.where(carrying, point.along, length * (links < point.link))[:, None]
+            across = pull[..., ::-1] * [1.0, -1.0] * (point.across * carrying)[:, None]
             total += np.concatenate([along, across], axis=-1) if self.segments else along + across
         return total
 
@@ -367,8 +367,8 @@ class PlanarChain(Mechanics):
 
     def static_forces(self, x: Array, torque: Array) -> Array:
         check_lengths(self, x=x, torque=torque)
-        held, _ = self._springs(self.joint_coordinates(x))
-        return (torque - held) @ self.to_joints + self.load_forces(x, self.weight())
+        spring, _ = self._springs(self.joint_coordinates(x))
+        return (torque - spring) @ self.to_joints + self.load_forces(x, self.weight())
 
     def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:  # noqa: ARG002
         _, tangent = self._springs(self.joint_coordinates(x))
@@ -388,8 +388,8 @@ class PlanarChain(Mechanics):
             def residual(q: Array, share: float) -> tuple[Array, Array]:
                 x = T @ q + unloaded
                 pull, slope = self.load_forces(x, share * load), self.load_stiffness(x, share * load)
-                held, tangent = self._springs(q)
-                return torque - held + T.T @ pull, np.diag(tangent) - T.T @ slope @ T
+                spring, tangent = self._springs(q)
+                return torque - spring + T.T @ pull, np.diag(tangent) - T.T @ slope @ T
 
             q = loaded_rest(residual, q, float(np.abs(joints.K).max()))
         if (1.0 + self.stretch_share @ q[n:] <= LEAST_STRETCH).any():
@@ -401,9 +401,9 @@ class PlanarChain(Mechanics):
     def _springs(self, q: Array) -> tuple[Array, Array]:
         """Return torques and slopes (N,) of all springs in joint coordinates."""
         joints, curved = self.joints, self.joints.hardening.shape[1]
-        bent, own = q[:curved], slice(0, curved)
-        held, slope = spring_torque(own, joints, bent, bent), spring_slope(own, joints, bent)
-        return np.append(held, joints.K[curved:] * q[curved:]), np.append(slope, joints.K[curved:])
+        bent, curved_rows = q[:curved], slice(0, curved)
+        torque, slope = spring_torque(curved_rows, joints, bent, bent), spring_slope(curved_rows, joints, bent)
+        return np.append(torque, joints.K[curved:] * q[curved:]), np.append(slope, joints.K[curved:])
 
     def linear_parts(self, q: Array, torque: Array | None = None) -> tuple[Array, Array]:  # noqa: ARG002
         x, T = self.coordinates(q), self.from_joints

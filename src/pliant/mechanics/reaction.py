@@ -40,8 +40,8 @@ def planar_reaction(chain: Any, x: Array, v: Array, a: Array, base: BaseTwist) -
     """
     (B, h), n, share = extensible_inertia(chain.model), chain.n, chain.stretch_share
     angle = np.column_stack([np.full(len(x), chain.joints.base_angle), x[:, :n]])
-    rate, turning = (np.column_stack([own, own[:, None] + inner[:, :n]])
-                     for own, inner in ((base.rate, v), (base.turning, a)))  # fmt: skip
+    rate, turning = (np.column_stack([about_links, about_links[:, None] + inner[:, :n]])
+                     for about_links, inner in ((base.rate, v), (base.turning, a)))  # fmt: skip
     stretch, growth, growing = 1.0 + x[:, n:] @ share.T, v[:, n:] @ share.T, a[:, n:] @ share.T
     ahead = tangents(angle)
     aside = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)

@@ -51,7 +51,7 @@ def settling(poses: int, size: int, inputs: int, load: Array) -> Settling:
 
     `inputs` counts the torques of coordinates and the commands of tendons; `load` is that of forces on the links.
     """
-    at, last, push, move = np.zeros((4, size), dtype=complex)
+    now, last, push, move = np.zeros((4, size), dtype=complex)
     run = np.zeros((inputs - size, len(load)), dtype=complex)
     K = np.zeros((poses + 1, size, size))
-    return Settling(np.zeros((poses + 1, size)), K, at, last, np.zeros(inputs, complex), push, move, run, load + 0.0j)
+    return Settling(np.zeros((poses + 1, size)), K, now, last, np.zeros(inputs, complex), push, move, run, load + 0.0j)

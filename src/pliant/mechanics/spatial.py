@@ -252,25 +252,25 @@ class SpatialChain(Mechanics):
         """
         work, points = self.posed(x), self.model.points
         position = np.zeros((len(points), 3, *x.shape[:-1]), dtype=x.dtype)
-        for point, place in zip(points, position, strict=True):
-            spatial_points.point_position(point.link, point.aside, point.across, point.along, work, place)
+        for point, coordinates in zip(points, position, strict=True):
+            spatial_points.point_position(point.link, point.aside, point.across, point.along, work, coordinates)
         z = work.R[[point.link + 1 for point in points], :, 2]
         return from_back(position, 2), from_back(np.arctan2(np.hypot(z[:, 0], z[:, 1]), z[:, 2]), 1)
 
     def position_jacobian(self, x: Array, point: Station) -> Array:
         work, moments = self.posed(x), x.shape[:-1]
-        place, J = np.zeros((3, *moments), dtype=x.dtype), np.zeros((3, self.size, *moments), dtype=x.dtype)
-        spatial_points.point_position(point.link, point.aside, point.across, point.along, work, place)
-        spatial_points.point_slope(point.link, point.along, place, self.body, work, J)
+        position, J = np.zeros((3, *moments), dtype=x.dtype), np.zeros((3, self.size, *moments), dtype=x.dtype)
+        spatial_points.point_position(point.link, point.aside, point.across, point.along, work, position)
+        spatial_points.point_slope(point.link, point.along, position, self.body, work, J)
         return from_back(J, 2)
 
     def points_and_slopes(self, x: Array) -> tuple[Array, Array]:
         points = self.model.points
-        place, slope = np.zeros((len(points), 3)), np.zeros((len(points), 3, self.size))
+        positions, slope = np.zeros((len(points), 3)), np.zeros((len(points), 3, self.size))
         offset = np.array([(p.aside, p.across, p.along) for p in points], dtype=float)
         link = np.array([p.link for p in points])
-        twin(spatial_points.place_points)(x, link, offset, self.body, self.workspace(), place, slope)
-        return place, slope
+        twin(spatial_points.place_points)(x, link, offset, self.body, self.workspace(), positions, slope)
+        return positions, slope
 
     def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:  # noqa: ARG002  of the interface
         work = self.posed(x)
@@ -336,8 +336,8 @@ class SpatialChain(Mechanics):
 
     def static_forces(self, x: Array, torque: Array) -> Array:
         check_lengths(self, x=x, torque=torque)
-        given = (x, torque, *self.body, *self.joints)
-        kind = complex if any(np.iscomplexobj(value) for value in given) else float
+        arguments = (x, torque, *self.body, *self.joints)
+        kind = complex if any(np.iscomplexobj(value) for value in arguments) else float
         body, joints = (of_kind(record, kind) for record in (self.body, self.joints))
         forces = np.zeros(self.size, dtype=kind)
         static = twin(tendon.forces_at_rest)
@@ -361,18 +361,18 @@ class SpatialChain(Mechanics):
         check_lengths(self, torque=torque)
         load = self.no_loads() if link_load is None else np.array(link_load)
         load[-1] += np.outer(tip_force, [0.0, 0.0, self.length[-1], 1.0, 0.0])
-        found = settling(0, self.size, torque.size, load)
+        settled = settling(0, self.size, torque.size, load)
         body, joints = (of_kind(record, complex) for record in (self.body, self.joints))
         body = body._replace(friction=0.0 * body.friction, entry_friction=0.0 * body.entry_friction)  # nothing moved
         work, stable = self.workspace(complex), 0.0
         full = of_kind(torque, complex)
-        found.load[:] = load
-        twin(forces_after)(found.at, full, found, body, joints, work, found.push)
-        for share in GROWING if found.push.any() else GROWING[-1:]:  # without force, the unloaded shape is in balance
-            found.load[:] = share * load
+        settled.load[:] = load
+        twin(forces_after)(settled.at, full, settled, body, joints, work, settled.push)
+        for share in GROWING if settled.push.any() else GROWING[-1:]:  # without force, the unloaded shape is in balance
+            settled.load[:] = share * load
             part = body._replace(gx=share * body.gx, gy=share * body.gy, gz=share * body.gz)
-            stable = twin(settle)(of_kind(share * torque, complex), part, joints, work, found, found.K[0])
-        q = found.at.real.copy()
+            stable = twin(settle)(of_kind(share * torque, complex), part, joints, work, settled, settled.K[0])
+        q = settled.at.real.copy()
         if not stable > 0.0:
             raise SimulationError(BUCKLES)
         if (self.stretches(q) <= LEAST_STRETCH).any():

@@ -119,8 +119,8 @@ class Springs:
         """
         unit = self.towards(np.sign(torque))
         turn = unit.turn()
-        at = np.where(np.isfinite(turn), turn, 0.0)
-        return np.asarray(self.K * np.where(np.isfinite(turn), unit.torque(at), np.inf))
+        finite_turn = np.where(np.isfinite(turn), turn, 0.0)
+        return np.asarray(self.K * np.where(np.isfinite(turn), unit.torque(finite_turn), np.inf))
 
     def bend(self, torque: Array) -> Array:
         """Return the angles [rad] at which the springs balance `torque` [N m], on the branch that starts at angle 0;
@@ -136,9 +136,9 @@ class Springs:
         low, high = np.zeros_like(x), np.minimum(turn, size)
         while (short := (unit.torque(high) < size) & (high < turn)).any():
             high = np.where(short, np.minimum(turn, 2.0 * high), high)
-        held = unit.torque(high) >= size
+        reaches = unit.torque(high) >= size
         low, high = bisected(low, high, lambda q: unit.torque(q) < size)
-        return np.where(held, np.sign(x) * 0.5 * (low + high), np.nan)
+        return np.where(reaches, np.sign(x) * 0.5 * (low + high), np.nan)
 
 
 def bisected(low: Array, high: Array, below: Callable[[Array], Array]) -> tuple[Array, Array]:

@@ -262,11 +262,11 @@ def chambers_of(values: dict[str, Any], given: Sequence[ActuationInput]) -> tupl
             f"{', '.join(sorted(values))}"
         )
     if given:
-        made = tuple(given)
-        if not all(isinstance(c, ActuationInput) for c in made):
+        inputs = tuple(given)
+        if not all(isinstance(c, ActuationInput) for c in inputs):
             raise InputError(f"chambers must be Chamber objects, got {given!r:.80}")
-        check_names("chambers", [c.name for c in made])
-        return made
+        check_names("chambers", [c.name for c in inputs])
+        return inputs
     if "torque" not in values:
         raise InputError("a model needs a torque law: give torque = (A d,) [N m/Pa], or chambers")
     return (Chamber(**values),)

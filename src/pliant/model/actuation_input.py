@@ -34,8 +34,8 @@ def rest_growth(pressure: Array, limit: Any, jm: Any = 0.0) -> Array:
     """
     push, jm = np.broadcast_arrays(pressure / np.where(limit, limit, np.inf), jm)
     y = np.where(push < 1.0, 1.0 / np.where(push < 1.0, 1.0 - push, 1.0), np.inf)
-    for at in map(tuple, np.argwhere(jm)):
-        y[at] = rest_of_gent(float(push[at]), float(jm[at]))
+    for index in map(tuple, np.argwhere(jm)):
+        y[index] = rest_of_gent(float(push[index]), float(jm[index]))
     return y
 
 
@@ -99,8 +99,8 @@ class ActuationInput(ABC):
 
     def changed(self, **values: Any) -> Self:
         """Return a copy with those of the given fields changed that the input has."""
-        own = {f.name for f in fields(self)}
-        return replace(self, **{name: value for name, value in values.items() if name in own})
+        names = {f.name for f in fields(self)}
+        return replace(self, **{name: value for name, value in values.items() if name in names})
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ActuationInput) or type(self) is not type(other):

@@ -20,10 +20,10 @@ LEAST_SHARE = 1e-3  # a segment with less than this fraction of every link conta
 
 def joints_inside(model: ModelParameters) -> tuple[tuple[int, ...], ...]:
     """Return, for each extensible segment, the indices (from 0) of the joints that lie in it."""
-    place = model.base_length + np.cumsum(model.link_length) - model.link_length
+    position = model.base_length + np.cumsum(model.link_length) - model.link_length
     slack = 1e-9 * model.length
     return tuple(
-        tuple(np.flatnonzero((place > e.start - slack) & (place < e.end(model.length) - slack)).tolist())
+        tuple(np.flatnonzero((position > e.start - slack) & (position < e.end(model.length) - slack)).tolist())
         for e in model.extensions
     )
 

@@ -120,18 +120,18 @@ def shares(links: Array, base_length: float, extensions: Sequence[Extension]) ->
     Row 0 is the part before the first joint.
     """
     edges = np.concatenate([[0.0, base_length], base_length + np.cumsum(links)])
-    length, found = np.diff(edges), np.zeros((links.size + 1, len(extensions)))
+    length, share = np.diff(edges), np.zeros((links.size + 1, len(extensions)))
     for s, extension in enumerate(extensions):
         overlap = np.minimum(edges[1:], extension.end(edges[-1])) - np.maximum(edges[:-1], extension.start)
-        np.divide(np.maximum(overlap, 0.0), length, out=found[:, s], where=length > 0)
-    found[np.abs(found - 1.0) < 1e-9] = 1.0  # edges that coincide except for rounding
-    found[found < 1e-9] = 0.0
-    return found
+        np.divide(np.maximum(overlap, 0.0), length, out=share[:, s], where=length > 0)
+    share[np.abs(share - 1.0) < 1e-9] = 1.0  # edges that coincide except for rounding
+    share[share < 1e-9] = 0.0
+    return share
 
 
 def extensions_of(entries: Any) -> tuple[Extension, ...]:
     """Return one or several `Extension` objects as a tuple; raise InputError for anything else."""
-    made = (entries,) if isinstance(entries, Extension) else tuple(entries)
-    if not all(isinstance(e, Extension) for e in made):
+    extensions = (entries,) if isinstance(entries, Extension) else tuple(entries)
+    if not all(isinstance(e, Extension) for e in extensions):
         raise InputError(f"extensions must be Extension objects, got {entries!r:.80}")
-    return made
+    return extensions

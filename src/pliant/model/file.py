@@ -180,8 +180,8 @@ def input_entries(law: ActuationInput) -> dict[str, Any]:
 
 def input_of(entries: dict[str, Any]) -> ActuationInput:
     """Return the chamber or tendon described by the `entries` of its table in a model file."""
-    own = {**entries, "valve": Valve(**entries["valve"])}
-    return Tendon(**own) if "driven_by" in own else Chamber(**own)
+    arguments = {**entries, "valve": Valve(**entries["valve"])}
+    return Tendon(**arguments) if "driven_by" in arguments else Chamber(**arguments)
 
 
 def plain(of: Any) -> dict[str, Any]:

@@ -142,11 +142,11 @@ class Model(ModelParameters):
         names = {f.name for f in fields(self)}
         if unknown := sorted(set(given) - names - set(FIELDS)):
             raise TypeError(f"Model has no parameter {unknown[0]!r}: it takes {', '.join((*sorted(names), *FIELDS))}")
-        own = {k: v for k, v in given.items() if k in FIELDS}
+        stated = {k: v for k, v in given.items() if k in FIELDS}
         values = {**DEFAULTS, **{k: v for k, v in given.items() if k not in FIELDS}}
         if missing := sorted(names - set(values) - {"chambers"}):
             raise TypeError(f"Model needs {' and '.join(missing)}")
-        values["chambers"] = chambers_of(own, values.get("chambers", ()))
+        values["chambers"] = chambers_of(stated, values.get("chambers", ()))
         values |= {name: numbers(name, values[name]) for name in ARRAYS}
         values["space"] = space_of(values["space"])
         if values["gravity"].size == 1 and not values["gravity"].any():
@@ -165,10 +165,10 @@ class Model(ModelParameters):
         values |= {name: one_number(name, values[name]) for name in values.keys() & SCALARS}
         if "chambers" in values:
             values["chambers"] = tuple(with_gains(c, n) for c in chambers_of({}, values["chambers"]))
-        for name, made in (("extensions", extensions_of), ("space", space_of), ("stations", stations_of),
+        for name, convert in (("extensions", extensions_of), ("space", space_of), ("stations", stations_of),
                            ("source", dict)):
             if name in values:
-                values[name] = made(values[name])
+                values[name] = convert(values[name])
         self.__dict__.update(values)
         check_physical(self, values)
 
@@ -238,19 +238,19 @@ class Model(ModelParameters):
 
         Parameters of a `Chamber` change the single chamber of the model.
         """
-        if own := {k: v for k, v in changes.items() if k in FIELDS}:
+        if changed_fields := {k: v for k, v in changes.items() if k in FIELDS}:
             changes = {k: v for k, v in changes.items() if k not in FIELDS}
-            changes["chambers"] = (replace(self.chamber, **own),)
+            changes["chambers"] = (replace(self.chamber, **changed_fields),)
         values: dict[str, Any] = {f.name: self.__dict__[f.name] for f in fields(self)}
         arrays = {name: numbers(name, changes[name]) for name in changes.keys() & ARRAYS}
         if not (changes.keys() <= values.keys() and {arrays[k].size for k in arrays.keys() & PER_LINK} <= {1, self.n}):
             return Model(**values | changes)  # another number of links, or an unknown parameter
-        made = object.__new__(Model)
-        made.__dict__.update(values)
-        made._take(changes | arrays, self.n)
+        copy = object.__new__(Model)
+        copy.__dict__.update(values)
+        copy._take(changes | arrays, self.n)
         if not changes.keys() & GEOMETRY:
-            made.__dict__.update({k: self.__dict__[k] for k in OF_GEOMETRY if k in self.__dict__})
-        return made
+            copy.__dict__.update({k: self.__dict__[k] for k in OF_GEOMETRY if k in self.__dict__})
+        return copy
 
 
 ONE_CHAMBER = signature(Chamber).parameters

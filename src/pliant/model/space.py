@@ -168,8 +168,8 @@ def check_space(model: Any) -> None:
     planar = {"rest_angle": model.rest_angle.any(), "base_angle": model.base_angle,
               "mass_at": model.mass_at == "tip"}  # fmt: skip
     remedy = {"rest_angle": "set rest_turn of its space", "base_angle": "set base_tilt of its space"}
-    for name, given in planar.items():
-        if given:
+    for name, value in planar.items():
+        if value:
             raise InputError(f"a chain in space has no {name}: {remedy.get(name, 'leave it out')}")
 
 

@@ -96,11 +96,11 @@ def fields_of(described: Any, layout: TableLayout = TableLayout(), **kinds: Any)
     former = {old: name for name, q in declared.items() if name in entries for old in q.formerly}
 
     def filled(table: type[T]) -> type[T]:
-        made = create_model(
+        record = create_model(
             table.__name__, __base__=table, __doc__=table.__doc__, __module__=table.__module__, **entries,
         )
-        made.renamed = {**table.renamed, **former}
-        return made
+        record.renamed = {**table.renamed, **former}
+        return record
 
     return filled
 
@@ -112,8 +112,8 @@ def field_of(quantity: Quantity | None, default: Any, *, bounded: bool) -> Any:
     limits: dict[str, dict[str, Any]] = {"positive": {"gt": 0}, "not negative": {"ge": 0}, "any": {}}
     signs = limits[quantity.sign] if bounded else {}
     bounds = {"positive": {"exclusiveMinimum": 0.0}, "not negative": {"minimum": 0.0}, "any": {}}[quantity.sign]
-    shown: dict[str, Any] = {"unit": quantity.unit} | ({} if quantity.per or bounded else bounds)
-    return Field(default, description=quantity.meaning, json_schema_extra=shown, **signs)
+    facts: dict[str, Any] = {"unit": quantity.unit} | ({} if quantity.per or bounded else bounds)
+    return Field(default, description=quantity.meaning, json_schema_extra=facts, **signs)
 
 
 def defaults_of(described: Any) -> dict[str, Any]:
@@ -121,5 +121,5 @@ def defaults_of(described: Any) -> dict[str, Any]:
     if not dataclasses.is_dataclass(described):
         return {name: described._field_defaults.get(name, GIVEN) for name in described._fields}
     absent = dataclasses.MISSING
-    made = {f.name: f.default if f.default_factory is absent else f.default_factory() for f in fields(described)}
-    return {name: GIVEN if value is absent else value for name, value in made.items()}
+    defaults = {f.name: f.default if f.default_factory is absent else f.default_factory() for f in fields(described)}
+    return {name: GIVEN if value is absent else value for name, value in defaults.items()}

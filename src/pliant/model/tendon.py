@@ -111,9 +111,9 @@ class Tendon(ActuationInput):
         self._check_gains()
         check_numbers(self, who, [name for name in quantities(Tendon) if name != "at"])
         check_valve(self.valve, who)
-        at = self.at
-        if at.size not in (1, self.joint_gain.size) or not (np.isfinite(at).all() and (at >= 0).all()):
-            raise InputError(f"{who} at must be positions [m] along the body, one for each joint, got {at.tolist()}")
+        arcs = self.at
+        if arcs.size not in (1, self.joint_gain.size) or not (np.isfinite(arcs).all() and (arcs >= 0).all()):
+            raise InputError(f"{who} at must be positions [m] along the body, one for each joint, got {arcs.tolist()}")
         if self.elastic and not self.line_stiffness:
             raise InputError(f"{who} driven_by = {self.driven_by!r} needs a line_stiffness [N/m]: set it")
         if self.driven_by == "angle" and not self.pulley:
@@ -213,8 +213,8 @@ class Tendon(ActuationInput):
         """Return sentences that describe the tendon's path, input, stiffness and lag."""
         azimuth = np.degrees(np.arctan2(-self.joint_gain, self.cross_gain)) % 360.0
         turned = np.flatnonzero(np.hypot(self.joint_gain, self.cross_gain))
-        shown = ", ".join(dict.fromkeys(f"{azimuth[i % azimuth.size]:.3g}" for i in turned)) or "-"
-        text = f"{self.name}: tendon at {1e3 * self.lever:.3g} mm, azimuth {shown} deg, driven by its {self.driven_by}"
+        angles = ", ".join(dict.fromkeys(f"{azimuth[i % azimuth.size]:.3g}" for i in turned)) or "-"
+        text = f"{self.name}: tendon at {1e3 * self.lever:.3g} mm, azimuth {angles} deg, driven by its {self.driven_by}"
         more = [f"converging by {self.taper:.3g} per length"] if self.taper else []
         more += [f"{1e-3 * self.line_stiffness:.4g} N/mm, pretension {self.pretension:.3g} N"] if self.elastic else []
         more += [f"pulley {1e3 * self.pulley:.3g} mm"] if self.pulley else []

@@ -55,13 +55,13 @@ def laid_torque(values: Mapping[str, float]) -> dict[str, str | Array]:
         names = ", ".join((*(f"{law.name}_*" for law in laws), "torque_<k>"))
         raise InputError(f"one chamber has one torque law: leave out all but one of {names}")
     law = laws[0]
-    own = law.own(values)
-    if missing := [f"{law.name}_{p}" for p in law.parameters if p not in own]:
+    coefficients = law.own(values)
+    if missing := [f"{law.name}_{p}" for p in law.parameters if p not in coefficients]:
         raise InputError(
             f"the torque law {law.name!r} needs all of its numbers: {', '.join(missing)} is missing; fit it or give "
             "its value"
         )
-    return {"law": law.name if law.lever else POLYNOMIAL, "torque": law.numbers(own)}
+    return {"law": law.name if law.lever else POLYNOMIAL, "torque": law.numbers(coefficients)}
 
 
 def unfinished_law(name: str, wanted: set[str]) -> bool:

@@ -67,10 +67,10 @@ def since_1970(ticks: NDArray, unit: str, file: str) -> tuple[str, list[str]]:
     """
     known = ticks[np.isfinite(ticks)]
     size = float(known.min()) if known.size else 0.0
-    shown = next((u for u in ("ms", "us", "ns") if YEAR_2000 <= size * SECONDS[u] < YEAR_2100), None)
-    if unit != "s" or shown is None:
+    match = next((u for u in ("ms", "us", "ns") if YEAR_2000 <= size * SECONDS[u] < YEAR_2100), None)
+    if unit != "s" or match is None:
         return unit, []
-    return shown, [f"the times of {file} are {shown} since 1970, by their size"]
+    return match, [f"the times of {file} are {match} since 1970, by their size"]
 
 
 def without_repeats(

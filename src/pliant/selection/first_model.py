@@ -65,13 +65,13 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
     """
     parent = with_alike(parent, setting)
     errors, value = parent.standard_errors, parent.values.get("stiffness", 0.0)
-    held = {name: "held: no effect on these recordings" for name, error in errors.items() if error is None}
+    fixed = {name: "held: no effect on these recordings" for name, error in errors.items() if error is None}
     error = errors.get("stiffness", 0.0)
     if error is not None and error > DETERMINED * value:
-        held["stiffness"] = f"held: the recordings show only {value:.3g} +- {error:.2g}"
-    if not held or not {p.name for p in parent.problem.free} - set(held):
+        fixed["stiffness"] = f"held: the recordings show only {value:.3g} +- {error:.2g}"
+    if not fixed or not {p.name for p in parent.problem.free} - set(fixed):
         return parent  # a fit needs a free parameter
-    parameters = [replace(p, free=False, source=held[p.name]) if p.name in held else p for p in parent.parameters]
+    parameters = [replace(p, free=False, source=fixed[p.name]) if p.name in fixed else p for p in parent.parameters]
     return fitted(setting, parent.model, parameters, prior_weight=parent.problem.size)
 
 
@@ -85,8 +85,8 @@ def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
     for kind in ALIKE:
         sizes, doubts = dict[str, float](), dict[str, float]()
         for p in parent.problem.free:
-            owner, _, own = p.name.rpartition(".")
-            if owner and own in kind and not p.prior_std:
+            owner, _, parameter = p.name.rpartition(".")
+            if owner and parameter in kind and not p.prior_std:
                 error = parent.standard_errors[p.name]
                 sizes[owner] = float(np.hypot(sizes.get(owner, 0.0), parent.values[p.name]))
                 error = np.inf if error is None or owner in still else error
@@ -95,7 +95,7 @@ def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
         largest = max((owner for owner in sizes if owner not in vague), key=lambda owner: sizes[owner], default="")
         if largest:
             source = f"not determined; a prior of the size that {largest} shows"
-            priors |= {f"{owner}.{own}": (sizes[largest], source) for owner in vague for own in kind}
+            priors |= {f"{owner}.{parameter}": (sizes[largest], source) for owner in vague for parameter in kind}
     if not priors:
         return parent
     parameters = [replace(p, prior=0.0, prior_std=priors[p.name][0], source=priors[p.name][1])

@@ -102,10 +102,10 @@ def screened_together(
     added = [p.with_(shrink=0.0) for term, row in panel for p in term.at_null(row, values)]
     problem = setting.problem(panel[0][0].model(model), [*held_parent(parent, added), *added])
     few = condensed(parent.linear, problem.data_jacobian(problem.start), groups)
-    place = {p.name: k for k, p in enumerate(problem.free)}
+    column = {p.name: k for k, p in enumerate(problem.free)}
     proposals = []
     for term, row in panel:
-        mine = [place[p.name] for p in term.adds if p.name in place]
+        mine = [column[p.name] for p in term.adds if p.name in column]
         scale = problem.scale[mine]
         linear, moves = joined(few.linear, replaced(parent, term), few.columns[:, mine])
         at_null = {problem.free[k].name: float(problem.start[k] * problem.scale[k]) for k in mine}

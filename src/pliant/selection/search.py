@@ -116,8 +116,8 @@ def select_model(
     terms = terms_for(model, train) if how["terms"] is None else how["terms"]
     if state is None:
         setting, parent, chosen = first_model(train, model, common, terms, how, notify)
-        given = model.with_(stations=parent.model.stations)
-        return Search(setting, given, determined(parent, setting), terms, began, deadline, notify, file, chosen).run()
+        start = model.with_(stations=parent.model.stations)
+        return Search(setting, start, determined(parent, setting), terms, began, deadline, notify, file, chosen).run()
     stated = how["time_step"] is not None
     setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"], stated_step=stated)
     chosen = [t for name in state.terms for t in terms if t.name == name]
@@ -126,8 +126,8 @@ def select_model(
         longer = term.model(longer)
     best = fitted(setting, longer, state.parameters, prior_weight=state.prior_weight, evaluations=0)
     notify(f"goes on from a run that was stopped: {', '.join(t.title for t in chosen) or 'no term'} so far")
-    given = model.with_(stations=best.model.stations)
-    return Search(setting, given, best, terms, began - state.seconds, deadline, notify, file, chosen,
+    start = model.with_(stations=best.model.stations)
+    return Search(setting, start, best, terms, began - state.seconds, deadline, notify, file, chosen,
                   list(state.steps)).run()
 
 
@@ -383,10 +383,10 @@ class Search:
         if not vague or self.late:
             return False
         name = next(iter(vague))
-        held = [replace(p, free=False, source=f"held: the recordings show only {vague[name]}") if p.name == name else p
+        named = [replace(p, free=False, source=f"held: the recordings show only {vague[name]}") if p.name == name else p
                 for p in self.best.parameters]
         try:
-            self.best = self.refitted(self.model(), held)
+            self.best = self.refitted(self.model(), named)
         except PliantError:
             return False
         self.score = self.scored(self.best)

@@ -55,10 +55,10 @@ def time_constant(train: Sequence[Experiment], names: Sequence[str]) -> float | 
     omega = np.geomspace(2 * np.pi / span, np.pi / (2.0 * spacing), RINGS)
     poles = [w * complex(-z, np.sqrt(1.0 - z * z)) for w in omega for z in RATIOS]
     moved, now, behind = moved_and_inputs(train, names, [*lags.tolist(), *(-1.0 / p for p in poles)])
-    errors = [left_by([one.real], moved) for one in behind[: lags.size]]
+    errors = [left_by([root.real], moved) for root in behind[: lags.size]]
     best = int(np.argmin(errors))
     lagging = left_by([now, behind[best].real], moved)
-    ringing = min(left_by([one.real, one.imag], moved) for one in behind[lags.size :])
+    ringing = min(left_by([root.real, root.imag], moved) for root in behind[lags.size :])
     total = float(np.sum((moved - moved.mean(axis=0)) ** 2))
     if lags[best] < spacing or errors[best] > min(EXPLAINED * total, GAIN**2 * errors[0]):
         return None
@@ -73,11 +73,11 @@ def moved_and_inputs(
     """
     moved, now, behind = [], [], []
     for e in train:
-        seen = np.isfinite(e.last_station).all(axis=1)
+        complete = np.isfinite(e.last_station).all(axis=1)
         sources = [e.driving(name) or Pulse(0.0) for name in names]
-        moved.append(e.last_station[seen])
-        now.append(np.stack([one(e.time) for one in sources], axis=1)[seen])
-        behind.append([one[seen] for one in behind_lags(e.time, sources, constants)])
+        moved.append(e.last_station[complete])
+        now.append(np.stack([one(e.time) for one in sources], axis=1)[complete])
+        behind.append([one[complete] for one in behind_lags(e.time, sources, constants)])
     return np.concatenate(moved), np.concatenate(now), [np.concatenate(one) for one in zip(*behind, strict=True)]
 
 
@@ -93,8 +93,8 @@ def settled(exp: Experiment, constant: float = 0.0) -> Experiment:
     """Return up to `FRAMES` frames of an experiment as settled shapes under its inputs, behind a lag [s] if there is
     one.
     """
-    seen = np.flatnonzero(np.isfinite(exp.compared).all(axis=(1, 2)))
-    rows = seen[np.unique(np.linspace(0, seen.size - 1, FRAMES).astype(int))]
+    complete = np.flatnonzero(np.isfinite(exp.compared).all(axis=(1, 2)))
+    rows = complete[np.unique(np.linspace(0, complete.size - 1, FRAMES).astype(int))]
     sources = list(exp.traces.values())
     behind = (behind_lags(exp.time, sources, [constant])[0] if constant
               else np.stack([one(exp.time) for one in sources], axis=1))
@@ -224,10 +224,10 @@ class SlowSpatialBody(SlowBody):
         known = damping_starts(model, self.constant)
         parameters = []
         for p in best.parameters:
-            one, value = asked.get(p.name, p), best.values[p.name]
-            if one.value is None:
+            parameter, value = asked.get(p.name, p), best.values[p.name]
+            if parameter.value is None:
                 value = known.get(shared_name(p.name), value)
-            parameters.append(p.with_(value=float(np.clip(value, p.lower, p.upper)), free=one.free))
+            parameters.append(p.with_(value=float(np.clip(value, p.lower, p.upper)), free=parameter.free))
         return self.moved(best.model, held_stiffness(parameters, common), time_step, best.prior_weight)[0]
 
 

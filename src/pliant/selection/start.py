@@ -93,6 +93,6 @@ def first_fit(
     except FitError as error:
         if len(model.chambers) < 2:
             raise
-        found = fit(train, model, parameters, regularise=True, **options)
+        first = fit(train, model, parameters, regularise=True, **options)
         notify(f"warning: {error}")
-        return found
+        return first

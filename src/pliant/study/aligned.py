@@ -61,15 +61,15 @@ def at_common_rest(recordings: Mapping[str, Aligned]) -> dict[str, Aligned]:
     stations = recordings[first].body.station.values.tolist()
     goal = rest_place(first, recordings[first].body)
     shifted = {}
-    for name, one in recordings.items():
-        if one.body.station.values.tolist() != stations:
+    for name, aligned in recordings.items():
+        if aligned.body.station.values.tolist() != stations:
             raise InputError(f"recording {name} has other stations than {first}, but common_rest needs the same ones: "
                              "remove common_rest, or state the same stations in [alignment]")
-        move = goal - rest_place(name, one.body)
+        move = goal - rest_place(name, aligned.body)
         far = 1e3 * float(np.linalg.norm(move, axis=1).max())
         moved = f"shifted by up to {far:.3g} mm, station by station, to the rest position of {first}"
-        body = one.body.assign(position=one.body["position"] + move)
-        shifted[name] = one._replace(body=body, findings=(*one.findings, moved)) if name != first else one
+        body = aligned.body.assign(position=aligned.body["position"] + move)
+        shifted[name] = aligned._replace(body=body, findings=(*aligned.findings, moved)) if name != first else aligned
     return shifted
 
 
@@ -120,7 +120,7 @@ def on_one_clock(
         raise InputError(f"recording {name}: clock is stated, but there is no measured pressure or other input: remove "
                          "clock")  # fmt: skip
     if not isinstance(wanted, str):
-        word = input_words([one.unit for one in inputs])[0]
+        word = input_words([signal.unit for signal in inputs])[0]
         finding = f"the {word}'s clock is moved by {1e3 * wanted:+.6g} ms, as stated"
         return shift_pressure(recording, wanted), None, (finding,)
     with inside(f"recording {name}"):

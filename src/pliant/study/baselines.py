@@ -58,6 +58,6 @@ def spare_inputs(study: Study, name: str, recording: xr.Dataset) -> dict[str, Tr
     drive = study.recordings[name].drive
     if not drive:
         return {}
-    used = {one.name for one in driving(name, recording, drive).values()}
-    return {one.name: Trace(one.time, np.array(one.values)) for one in inputs
-            if one.name not in used and np.isfinite(one.values).all()}
+    used = {signal.name for signal in driving(name, recording, drive).values()}
+    return {signal.name: Trace(signal.time, np.array(signal.values)) for signal in inputs
+            if signal.name not in used and np.isfinite(signal.values).all()}

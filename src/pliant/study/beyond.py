@@ -36,14 +36,14 @@ def extrapolations(
         Loads and other values (SI) that the forecast states, by parameter name.
     """
     units = dict(zip(result.model.actuation.names, result.model.actuation.units, strict=True))
-    stated, shown = inputs_of(case), [inputs_of(e) for e in training]
-    ranges = {name: range_of([s[name] for s in shown if name in s]) for name in stated}
+    stated, driven = inputs_of(case), [inputs_of(e) for e in training]
+    ranges = {name: range_of([s[name] for s in driven if name in s]) for name in stated}
     phrases = [p for name, values in stated.items() if (p := level_phrase(name, values, ranges[name], units))]
     highest = {name: max(abs(low), abs(high)) for name, (low, high) in ranges.items()}
     phrases += [
         f"{first} together with {second}, which no training recording drives together"
         for first, second in combinations([n for n in stated if highest[n] > 0], 2)
-        if is_new_pair(first, second, stated, shown, highest)
+        if is_new_pair(first, second, stated, driven, highest)
     ]
     phrases += [p for name, value in known.items() if (p := load_phrase(name, value, result, training))]
     return tuple(phrases)

@@ -145,15 +145,15 @@ def tendon_of(entry: TendonTable, joints: int, length: float, parts: Array | Non
     """
     if entry.azimuth_deg is None:
         raise InputError(f"tendon {entry.name}: state azimuth_deg; it can only be estimated in a study with recordings")
-    passed, at = passed_joints(entry, length, joints, parts)
+    passed, lever_positions = passed_joints(entry, length, joints, parts)
     passed = np.isin(np.arange(1, joints + 1), joints_of(entry, joints)) * passed
     crossing = entry.lever / entry.taper if entry.taper > 0 else np.inf
-    if crossing <= (last := at[passed > 0].max(initial=0.0)):
+    if crossing <= (last := lever_positions[passed > 0].max(initial=0.0)):
         raise InputError(
             f"tendon {entry.name}: with this lever and taper it reaches the axis at {crossing:.3g} m, before the last "
             f"joint that it bends (at {last:.3g} m): correct lever, taper or stop"
         )
-    values = entry.model_dump(exclude={"joints", "azimuth_deg", "stop"}) | {"at": at}
+    values = entry.model_dump(exclude={"joints", "azimuth_deg", "stop"}) | {"at": lever_positions}
     values["valve"] = Valve(**values["valve"])
     if entry.driven_by == "tension":
         values["line_stiffness"] = 0.0
@@ -223,8 +223,8 @@ def checked_radius(taper: TaperTable, length: float) -> None:
     """Raise InputError unless there is one radius for each position, and the positions increase from the base (0) to
     the tip.
     """
-    at = np.array(taper.at)
-    if at.size != len(taper.radius) or (np.diff(at) <= 0).any() or at[0] > 0 or at[-1] < length * (1 - 1e-9):
+    arcs = np.array(taper.at)
+    if arcs.size != len(taper.radius) or (np.diff(arcs) <= 0).any() or arcs[0] > 0 or arcs[-1] < length * (1 - 1e-9):
         raise InputError(
             "[actuator.taper] needs one radius for each position in at, increasing from 0 to the length of the body "
             f"({length:g} m)"
@@ -331,26 +331,26 @@ def with_azimuths(
     if not unknown:
         return study.actuator
     names = [t.name for t in tendons]
-    seen = [experiments[n] for n in training(study) if n in experiments]
-    moves = station_moves(seen, names)
-    held, ends = all(t.driven_by != "tension" for t in tendons), list[tuple[float, float]]()
+    recordings = [experiments[n] for n in training(study) if n in experiments]
+    moves = station_moves(recordings, names)
+    pulled, ends = all(t.driven_by != "tension" for t in tendons), list[tuple[float, float]]()
     if moves.shape[1] > 1:
-        heights = rest_heights(seen)
-        ends = (ends_of_held_tendons(moves, heights, [stated_end(study.actuator, t) for t in tendons]) if held
+        heights = rest_heights(recordings)
+        ends = (ends_of_held_tendons(moves, heights, [stated_end(study.actuator, t) for t in tendons]) if pulled
                 else [end_of_bend(gain, heights) for gain in moves])
-    stated, shown = [], []
+    stated, measured = [], []
     for k, tendon in enumerate(tendons):
         if tendon.name not in unknown:
             stated.append(tendon)
             continue
         azimuth = float(np.degrees(np.arctan2(moves[k, -1, 1], moves[k, -1, 0])) % 360.0)
-        entries: dict[str, Any] = {"azimuth_deg": ends[k][0] if ends and held else azimuth}
+        entries: dict[str, Any] = {"azimuth_deg": ends[k][0] if ends and pulled else azimuth}
         if ends and tendon.joints is None and tendon.stop is None and ends[k][1] < max(end for _, end in ends):
             entries = {"azimuth_deg": ends[k][0], "stop": ends[k][1]}
         stated.append(tendon.model_copy(update=entries))
-        shown.append(f"{tendon.name} {entries['azimuth_deg']:.0f} deg"
+        measured.append(f"{tendon.name} {entries['azimuth_deg']:.0f} deg"
                      + (f" up to {1e3 * entries['stop']:.0f} mm" if "stop" in entries else ""))
-    notify("estimated azimuths of the inputs: " + ", ".join(shown))
+    notify("estimated azimuths of the inputs: " + ", ".join(measured))
     return study.actuator.model_copy(update={"tendons": stated})
 
 
@@ -402,11 +402,11 @@ def moves_of(experiments: Sequence[Experiment], names: Sequence[str], places: Se
         When some inputs were always pulled together.
     """
     inputs, moves = [], []
-    for exp, place in zip(experiments, places, strict=True):
-        measured = np.isfinite(place).all(axis=1)
+    for exp, position in zip(experiments, places, strict=True):
+        measured = np.isfinite(position).all(axis=1)
         drawn = np.stack([exp.drives[n](exp.time) if n in exp.drives else 0.0 * exp.time for n in names], axis=1)
         inputs.append(drawn[measured] - drawn[measured].mean(axis=0))
-        moves.append(place[measured] - place[measured].mean(axis=0))
+        moves.append(position[measured] - position[measured].mean(axis=0))
     drawn = np.concatenate(inputs) if inputs else np.zeros((0, len(names)))
     gains, _, rank, _ = np.linalg.lstsq(drawn, np.concatenate(moves or [np.zeros((0, 2))]), rcond=LEAST_DRAWN)
     if rank < len(names):

@@ -159,7 +159,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     sensors = {} if stations else sensors_by_name(table)
     if not stations and not sensors:
         return None
-    places = {name: {part: [table.names[k] for k in columns] for part, columns in at.items()}
+    positions = {name: {part: [table.names[k] for k in columns] for part, columns in at.items()}
               for name, at in stations.items()}  # fmt: skip
     used = {k for at in stations.values() for columns in at.values() for k in columns} | stated_columns(table, stated)
     used |= {k for columns in sensors.values() for k in columns}
@@ -178,7 +178,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
         timed = {"time": [table.names[parts.seconds], table.names[parts.fraction]], "time_unit": parts.unit}
     mapping: dict[str, Any] = {"header": True, **delimited(table), **timed}
     shape, note = shape_entries(table, stations, sensors)
-    mapping |= {**shape, **({"stations": places} if places else {})}
+    mapping |= {**shape, **({"stations": positions} if positions else {})}
     inputs, left, notes = input_entries(table, rest)
     left = [k for k in left if not counts(table.values[:, k])]
     if left:
@@ -247,12 +247,12 @@ def is_smooth(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[in
 
 def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[int]]]) -> tuple[str, str]:
     """Return the unit of the positions, by the names of their columns or else by their range, and a sentence on it."""
-    columns = [k for at in stations.values() for k in at["position"]]
+    columns = [k for parts in stations.values() for k in parts["position"]]
     if table.names:
         units = {unit_of(table.names[k], (*METRE, PIXEL)) for k in columns}
         if len(units) == 1 and (unit := units.pop()):
             return unit, ""
-    axes = zip_longest(*(at["position"] for at in stations.values()))
+    axes = zip_longest(*(parts["position"] for parts in stations.values()))
     widest = max(extent(table.values[:, [k for k in axis if k is not None]]) for axis in axes)
     unit = "mm" if widest > MILLIMETRES or np.nanmedian(np.abs(table.values[:, columns])) > 10 * MILLIMETRES else "m"
     return unit, f"positions are taken in {unit}, by their range: correct length_unit if they are not"
@@ -277,17 +277,17 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     rest = [k for k in range(width) if k not in {*counters, *inputs, clock}]
     stations = posed(table)
     steps = [] if stations or inputs else [k for k in rest if table.whole(k) and table.changes(k)]
-    places = [k for k in rest if k not in steps]
-    if not stations and places and len(places) % 3 == 0:
-        stations = {f"p{i // 3 + 1}": {"position": places[i : i + 3]} for i in range(0, len(places), 3)}
-        if not on_one_body(values[:, places].reshape(len(values), -1, 3)):
+    positions = [k for k in rest if k not in steps]
+    if not stations and positions and len(positions) % 3 == 0:
+        stations = {f"p{i // 3 + 1}": {"position": positions[i : i + 3]} for i in range(0, len(positions), 3)}
+        if not on_one_body(values[:, positions].reshape(len(values), -1, 3)):
             return None
     if not stations:
         return None
     unit, note = length_unit(table, stations)
     timed, of_times = clock_entries(table, clock, stations)
     mapping: dict[str, Any] = {**delimited(table), **timed, "length_unit": unit, "stations": stations}
-    used = {k for at in stations.values() for columns in at.values() for k in columns}
+    used = {k for parts in stations.values() for columns in parts.values() for k in columns}
     left = [k for k in rest if k not in {*used, *steps} and table.changes(k)]
     notes = [note, of_times]
     if steps:
@@ -343,8 +343,8 @@ def on_one_body(position: Array) -> bool:
     apart = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)  # (T, S, S)
     usual = np.nanmedian(apart, axis=0) + np.diag(np.full(position.shape[1], np.inf))
     nearest = np.argmin(usual, axis=1)
-    kept = apart[:, np.arange(len(nearest)), nearest]
-    return bool((np.nanpercentile(np.abs(kept - np.median(kept, axis=0)), 95, axis=0) <= RIGID * np.median(kept)).all())
+    gaps = apart[:, np.arange(len(nearest)), nearest]
+    return bool((np.nanpercentile(np.abs(gaps - np.median(gaps, axis=0)), 95, axis=0) <= RIGID * np.median(gaps)).all())
 
 
 def blocks(values: Array) -> list[int]:
@@ -381,7 +381,7 @@ def asked(
         neutral["pressure"], question = pressure_question(table, pressure)
         questions |= {"pressure": question} if question else {}
     if "linear" in mapping:
-        counted = [c for one in mapping["inputs"] for c in one["columns"]
+        counted = [c for entry in mapping["inputs"] for c in entry["columns"]
                    if "actuation" in mapping["linear"] or c in mapping["linear"]]  # fmt: skip
         columns = [c if isinstance(c, int) else table.names.index(c) for c in counted]
         width = max(float(np.ptp(table.values[:, k])) for k in columns)

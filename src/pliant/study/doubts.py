@@ -69,12 +69,12 @@ def recording_warnings(aligned: Mapping[str, Aligned]) -> tuple[str, ...]:
     shows it. Warnings from comparisons between recordings come last.
     """
     warnings: dict[str, str] = {}
-    for name, one in aligned.items():
-        for check, sentence in one.doubts.items():
+    for name, recording in aligned.items():
+        for check, sentence in recording.doubts.items():
             of_recording = check in OF_RECORDINGS
             key, line = (f"{name} {check}", f"{name}: {sentence}") if of_recording else (check, sentence)
             warnings.setdefault(key, line)
-    lines = [*warnings.values(), *beside({name: one.body for name, one in aligned.items()})]
+    lines = [*warnings.values(), *beside({name: recording.body for name, recording in aligned.items()})]
     return tuple(f"{line.rstrip('.')}." if not line.endswith("?") else line for line in lines)
 
 

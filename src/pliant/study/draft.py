@@ -164,14 +164,14 @@ def checked(draft: Draft, study: str | Path) -> Draft:
 def sentence(check: DraftCheck) -> str:
     """Return a sentence on what a check of the study showed."""
     entries = ", ".join(dict.fromkeys(name.rpartition(".")[2] for name in check.assumed))
-    given = f"with assumed values for {entries}" if entries else "as it is"
+    assumed = f"with assumed values for {entries}" if entries else "as it is"
     if check.problem or check.seconds is None:
-        return f"! Tried {given}, this study cannot be run: {check.problem}"
+        return f"! Tried {assumed}, this study cannot be run: {check.problem}"
     minutes = check.seconds / 60
     size = f"{max(1, round(check.seconds, -1 if check.seconds > 20 else 0)):.0f} s" if minutes < 2 else \
         f"{minutes:.0f} minutes"
     lost = f" ! {len(check.dropped)} recording(s) are left out: {'; '.join(check.dropped)}." if check.dropped else ""
-    return f"Tried {given}, this study can be run. Forecast of the time of a run: {size}.{lost}"
+    return f"Tried {assumed}, this study can be run. Forecast of the time of a run: {size}.{lost}"
 
 
 def unexplained(trial: Trial) -> list[str]:

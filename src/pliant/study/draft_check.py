@@ -76,8 +76,8 @@ def check_draft(text: str, folder: Path, inspected: Inspected) -> DraftCheck:
     content["folder"] = str(folder.resolve())
     began = clock.perf_counter()
     try:
-        with TemporaryDirectory() as place:
-            path = Path(place) / f"{content['name']}.json"
+        with TemporaryDirectory() as directory:
+            path = Path(directory) / f"{content['name']}.json"
             path.write_text(json.dumps(content), encoding="utf-8")
             study = load_study(path)
         step, dropped = first_step(study, whole=not assumed)
@@ -164,9 +164,9 @@ def answered(content: Mapping[str, Any], inspected: Inspected) -> tuple[dict[str
     assumed: list[str] = []
     fill(filled, "", assumed_values(filled, inspected), assumed)
     for k, (name, entry) in enumerate(filled["recordings"].items()):
-        for one in entry.get("inputs", {}):
-            if f"recordings.{name}.inputs.{one}" in assumed:
-                entry["inputs"][one] = 1.0 + k  # different values, so that the poses differ
+        for entry_name in entry.get("inputs", {}):
+            if f"recordings.{name}.inputs.{entry_name}" in assumed:
+                entry["inputs"][entry_name] = 1.0 + k  # different values, so that the poses differ
     return filled, tuple(dict.fromkeys(assumed))
 
 
@@ -212,8 +212,8 @@ def spread(trial: Trial) -> float:
     """Return the length [m] of a body whose stations lie at equal distances from a base that is not tracked."""
     if trial.angles_only or trial.recording.sizes["station"] < 2:
         return LENGTH
-    place = np.nanmedian(trial.grouped["position"].values[:10], axis=0)
-    return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum()) * len(place) / max(len(place) - 1, 1) or LENGTH
+    tips = np.nanmedian(trial.grouped["position"].values[:10], axis=0)
+    return float(np.linalg.norm(np.diff(tips, axis=0), axis=1).sum()) * len(tips) / max(len(tips) - 1, 1) or LENGTH
 
 
 def direction(trials: Sequence[Trial]) -> list[float]:
@@ -234,7 +234,7 @@ def direction(trials: Sequence[Trial]) -> list[float]:
 
 def tips(trials: Sequence[Trial]) -> np.ndarray:
     """Return the known positions (T, 3) [m] of the last station in all recordings without a tracked base."""
-    tip = np.concatenate([one.grouped["position"].values[:, -1] for one in trials])
+    tip = np.concatenate([trial.grouped["position"].values[:, -1] for trial in trials])
     return tip[np.isfinite(tip).all(axis=1)]
 
 

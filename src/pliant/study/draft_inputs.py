@@ -46,7 +46,7 @@ def input_names(inspected: Inspected) -> list[str]:
     """Return the names of the model's inputs; [] for a single pressure, which has no name."""
     if inspected.poses and not inspected.first.tendon_inputs and not inspected.channels:
         return list(levels_by_name(inspected.trials)[inspected.first.name])
-    return [*inspected.channels, *(one.name for one in inspected.first.tendon_inputs)]
+    return [*inspected.channels, *(signal.name for signal in inspected.first.tendon_inputs)]
 
 
 def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
@@ -113,8 +113,8 @@ def chambers(out: Lines, inspected: Inspected) -> None:
     for name, channel in inspected.channels.items():
         out.item("actuator.chambers", name)
         out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
-        shown = degrees and channel in several(trial.recording)
-        azimuth_of(out, round(degrees[several(trial.recording).index(channel)]) if shown else None)
+        in_degrees = degrees and channel in several(trial.recording)
+        azimuth_of(out, round(degrees[several(trial.recording).index(channel)]) if in_degrees else None)
 
 
 def tendons(out: Lines, inspected: Inspected) -> None:
@@ -122,23 +122,23 @@ def tendons(out: Lines, inspected: Inspected) -> None:
     trial = inspected.first_aligned
     if not trial.tendon_inputs:
         return
-    shared_by_tendons(out, {one.kind for one in trial.tendon_inputs})
+    shared_by_tendons(out, {signal.kind for signal in trial.tendon_inputs})
     slack = can_be_slack(inspected)
-    held = all(one.kind != "tension" for one in trial.tendon_inputs)
+    displaced = all(signal.kind != "tension" for signal in trial.tendon_inputs)
     shown = [] if trial.aligned is None else azimuths(trial.aligned, away=False)[-len(trial.tendon_inputs) :]
     ends = [] if trial.aligned is None or trial.angles_only else \
-        tendon_ends(trial.aligned, len(trial.tendon_inputs), held=held)
-    for k, one in enumerate(trial.tendon_inputs):
-        out.item("actuator.tendons", one.name)
-        out.put("driven_by", one.kind, "as its column says" if trial.guess else "as the mapping states")
+        tendon_ends(trial.aligned, len(trial.tendon_inputs), held=displaced)
+    for k, signal in enumerate(trial.tendon_inputs):
+        out.item("actuator.tendons", signal.name)
+        out.put("driven_by", signal.kind, "as its column says" if trial.guess else "as the mapping states")
         azimuth_of(out, round(ends[k][0] if ends else shown[k]) if shown else None)
         if ends and len(passed := joints_up_to(ends[k][1], body_length(trial))) < LINKS:
             out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
         if trial.tracks_one_body and len(trial.tendon_inputs) > OF_ONE_SEGMENT:
             out.ask("stop", "m from the base, where it ends: a single tracked body does not show it")
-        if both_ways(one) and one.kind != "tension" and one.name not in slack:
+        if both_ways(signal) and signal.kind != "tension" and signal.name not in slack:
             out.put("pair", True, "its motor turns both ways: two opposite tendons; false for one that can be slack")
-        if one.kind != "tension":
+        if signal.kind != "tension":
             out.put("line_stiffness", LINE_STIFFNESS, STIFF_LINE)
 
 
@@ -170,7 +170,7 @@ def can_be_slack(inspected: Inspected) -> list[str]:
     than like themselves: tendons that were let out hang slack. Settled poses show it; a motor that turns is taken as
     one with two opposite tendons.
     """
-    names = [one.name for one in inspected.first.tendon_inputs if one.kind == "displacement" and both_ways(one)]
+    names = [pull.name for pull in inspected.first.tendon_inputs if pull.kind == "displacement" and both_ways(pull)]
     if not names or not inspected.poses:
         return []
     error = np.zeros(2)
@@ -200,7 +200,7 @@ def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
     """
     recorded = several(trial.recording)
     driving = {name: channel for name, channel in inspected.channels.items() if channel in recorded}
-    driving |= {one.name: one.name for one in trial.tendon_inputs}
+    driving |= {signal.name: signal.name for signal in trial.tendon_inputs}
     if driving:
         out.put("drive", driving, "input of the model = channel of the recording")
     if trial.tendon_inputs:

@@ -16,7 +16,7 @@ def selection(out: Lines, inspected: Inspected) -> None:
     """Write the [model_selection] table: training and held-out recordings, time limit, and the parameters that are free
     in every model.
     """
-    held, train = inspected.held_out(), inspected.training()
+    held_out, train = inspected.held_out(), inspected.training()
     out.table("model_selection")
     out.say("the training recordings choose the terms of the model (creep, friction, softening, ...): a term joins if",
             "parts of the recordings are then predicted better from the other parts")
@@ -26,8 +26,8 @@ def selection(out: Lines, inspected: Inspected) -> None:
     if inspected.divided:
         out.put("held_out", [f"{name}{LATER}" for name in train], "the later poses of the file; the report judges how "
                 "the model predicts them")
-    elif held:
-        out.put("held_out", held, "no part in the choice; the report judges how the model predicts this")
+    elif held_out:
+        out.put("held_out", held_out, "no part in the choice; the report judges how the model predicts this")
     else:
         out.say('to test the prediction, make one more recording and name it here: held_out = ["another"]')
     out.put("minutes", MINUTES, "time limit: when it is reached, the best model so far is the result")

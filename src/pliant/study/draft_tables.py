@@ -145,8 +145,8 @@ def down(trials: Sequence[Trial]) -> list[float] | None:
     aligned = [trial.aligned for trial in trials if trial.aligned is not None and "alignment" in trial.aligned.attrs]
     if aligned:
         tangent = np.array(alignment_of(aligned[0]).base_tangent)
-    elif (place := trials[0].grouped["position"].values).shape[1] > 1:
-        ends = np.nanmedian(place[:, [0, -1]], axis=0)
+    elif (position := trials[0].grouped["position"].values).shape[1] > 1:
+        ends = np.nanmedian(position[:, [0, -1]], axis=0)
         tangent = ends[1] - ends[0]
     else:
         return None

@@ -64,8 +64,8 @@ def too_large(recording: xr.Dataset) -> bool:
     """Return whether positions are too far apart for metres, for example in a table of millimetres without a unit."""
     if "position" not in recording:
         return False
-    place = recording["position"].values
-    return max(extent(place[..., axis]) for axis in range(place.shape[-1])) > MILLIMETRES
+    position = recording["position"].values
+    return max(extent(position[..., axis]) for axis in range(position.shape[-1])) > MILLIMETRES
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -132,7 +132,7 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
             raise InputError(f"{log.name} holds inputs alone, and a study needs the shape too: add the recording to "
                              f"which it belongs, with a similar name, such as push_3.csv for push_3_log.csv{both}")
         pairs[shape] = pairs[shape]._replace(log=log, log_options=options or None)
-    return [one for pair in in_folders([*pairs.values()]) for one in by_trial(pair)]
+    return [part for pair in in_folders([*pairs.values()]) for part in by_trial(pair)]
 
 
 def in_folders(pairs: list[WithLog]) -> list[WithLog]:

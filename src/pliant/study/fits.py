@@ -190,8 +190,8 @@ def records_of(
         if result.covariance is not None and left.train:
             banded = partial(band_of, left, result, record, refit, time_step)
             if (band := failures.attempt("band", exp.name, banded, "held_out")) is not None:
-                held = 100 * band.holds(exp.compared)
-                record = replace(record, metrics={**record.metrics, "within_band_percent": held}, band=band)
+                coverage = 100 * band.holds(exp.compared)
+                record = replace(record, metrics={**record.metrics, "within_band_percent": coverage}, band=band)
         records.append(record)
     return tuple(records)
 
@@ -207,8 +207,8 @@ def warn_of_step(
     def tips(h: float) -> Array:
         return predict_body(model, exp, values, h)[:, -1] / model.length
 
-    given = tips(time_step) if record.body is None else record.body[:, -1] / model.length
-    error = tip_error(lambda factor: (given, tips(factor * time_step)))
+    tips_used = tips(time_step) if record.body is None else record.body[:, -1] / model.length
+    error = tip_error(lambda factor: (tips_used, tips(factor * time_step)))
     if error > LIMIT and failures.warn is not None:
         size = f"by {1e3 * error * model.length:.3g} mm" if np.isfinite(error) else "by an unknown amount"
         failures.warn(

@@ -53,10 +53,10 @@ def run_forecasts(
     """
     forecasts = []
     for name, entry in study.forecasts.items():
-        own = Failures(entry.fit or failures.fit, failures.warn)
-        compute = partial(run_forecast, study, name, experiments, results, own)
-        forecasts.append(own.attempt(f"forecast {name}", "", compute))
-        failures += own
+        case_failures = Failures(entry.fit or failures.fit, failures.warn)
+        compute = partial(run_forecast, study, name, experiments, results, case_failures)
+        forecasts.append(case_failures.attempt(f"forecast {name}", "", compute))
+        failures += case_failures
     return tuple(f for f in forecasts if f is not None)
 
 
@@ -76,22 +76,22 @@ def run_forecast(
     driven, named = stated_inputs(entry, result.model)
     case = case_of(name, entry, template, driven)
     recorded = edges(template)  # times at which the pressure rises and falls, from the recorded motion
-    own = {parameter: recorded[parameter.rpartition(".")[2]] for parameter in case.own_parameters}
-    seen: list[str] = []
+    known = {parameter: recorded[parameter.rpartition(".")[2]] for parameter in case.own_parameters}
+    notes: list[str] = []
 
     def measure(values: Mapping[str, float]) -> np.ndarray:
-        motion = predict(result.model, case, {**values, **own}, result.time_step)
+        motion = predict(result.model, case, {**values, **known}, result.time_step)
         tip, grown = motion["compared"][:, -1], {} if case.without_positions else growth(motion["position"], NAMES)
         traits = {**response(template.synchronised(values), tip), **grown}
-        seen[:] = seen or [k for k, v in traits.items() if v is not None]
-        numbers = [np.nan if (v := traits[k]) is None else v for k in seen]
+        notes[:] = notes or [k for k, v in traits.items() if v is not None]
+        numbers = [np.nan if (v := traits[k]) is None else v for k in notes]
         return np.concatenate([numbers, tip.ravel()])
 
-    found, problems = measure(result.values), list[str]()
-    half, count = half_widths(result, measure, problems=problems), len(seen)
-    interval = {k: float(h) for k, h in zip(seen, half, strict=False) if h > 0}
-    tip = finite(found[count:], "the predicted motion").reshape(case.time.size, -1)
-    if not problems and (lost := [k for k, h in zip(seen, half, strict=False) if np.isnan(h)]):
+    measures, problems = measure(result.values), list[str]()
+    half, count = half_widths(result, measure, problems=problems), len(notes)
+    interval = {k: float(h) for k, h in zip(notes, half, strict=False) if h > 0}
+    tip = finite(measures[count:], "the predicted motion").reshape(case.time.size, -1)
+    if not problems and (lost := [k for k, h in zip(notes, half, strict=False) if np.isnan(h)]):
         failures.add(f"interval of {', '.join(lost)} of forecast {name}", "",
                      "it is not defined for all motions within one standard error of the parameters")
     training = [experiments[n] for n in result.rmse if n in experiments]
@@ -99,13 +99,13 @@ def run_forecast(
     def half_width() -> np.ndarray:
         if problems:
             raise SimulationError(problems[0])
-        lacks = tip_lacks(result, case, {**result.values, **own}, training, result.time_step)
+        lacks = tip_lacks(result, case, {**result.values, **known}, training, result.time_step)
         return finite(np.hypot(half[count:].reshape(tip.shape), WIDE * lacks), "the width of the band")
 
     width = failures.attempt(f"{'interval and ' * bool(problems)}band of forecast {name}", "", half_width)
     stated = entry.known | ({"level": case.level} if entry.level is not None else {}) | named
     return Forecast(
-        name, entry.title or name, stated, case.time, tip, dict(zip(seen, found[:count].tolist(), strict=True)),
+        name, entry.title or name, stated, case.time, tip, dict(zip(notes, measures[:count].tolist(), strict=True)),
         interval, width, extrapolations(case, result, training, entry.known),
         rows=case.axes if case.alone in case.further else (),
     )

@@ -86,7 +86,7 @@ class Inspected:
     @cached_property
     def copied(self) -> dict[str, str]:
         """Return the recordings whose frames are in a longer one, which is named with each: no part of the study."""
-        return {one: other for one, other, _ in alike({trial.name: trial.recording for trial in self.trials})}
+        return {copy: other for copy, other, _ in alike({trial.name: trial.recording for trial in self.trials})}
 
     @property
     def divided(self) -> bool:
@@ -146,7 +146,7 @@ def inspect_all(
     InputError
         When a file cannot be read or holds no positions, or two files share a name.
     """
-    trials = [trial for one in with_logs([Path(f) for f in files], mapping) for trial in inspect_file(one)]
+    trials = [trial for reading in with_logs([Path(f) for f in files], mapping) for trial in inspect_file(reading)]
     names = [trial.name for trial in trials]
     if not names or len(set(names)) < len(names):
         raise InputError(f"a study needs recordings with different file names, got {', '.join(names) or 'none'}")
@@ -156,8 +156,8 @@ def inspect_all(
         trials = in_one_order(trials)
     trials = [from_first_frames(t) if isinstance(kinds[t.name], UnrecordedPressure) else t for t in trials]
     poses = any(kind.poses for kind in kinds.values())
-    shown = poses or any(trial.spatial or trial.tendon_inputs for trial in trials)
-    spatial = shown if space is None else space
+    in_3d = poses or any(trial.spatial or trial.tendon_inputs for trial in trials)
+    spatial = in_3d if space is None else space
     if spatial:
         trials = [in_space(trial, settled=kinds[trial.name].poses) for trial in trials]
     channels = channels_of(trials)
@@ -223,15 +223,15 @@ def in_one_order(trials: Sequence[Trial]) -> list[Trial]:
 
     Files of tables that nobody described may list the stations in different orders.
     """
-    places = [np.nanmedian(trial.grouped["position"].values, axis=0) for trial in trials]  # (S, 3) of each
-    gaps = np.array([[np.linalg.norm(p - point, axis=1).min() for p in places] for point in places[0]])  # (S, files)
+    medians = [np.nanmedian(trial.grouped["position"].values, axis=0) for trial in trials]  # (S, 3) of each
+    gaps = np.array([[np.linalg.norm(p - point, axis=1).min() for p in medians] for point in medians[0]])  # (S, files)
     still = int(np.argmin(gaps.max(axis=1)))
     if gaps[still].max() > BASE_STILL * gaps.max():
         return list(trials)
-    base, done = places[0][still], []
-    first = places[0][np.argsort(np.linalg.norm(places[0] - base, axis=1))]
-    for trial, place in zip(trials, places, strict=True):
-        done.append(ordered(trial, like_the_first(place, first)))
+    base, done = medians[0][still], []
+    first = medians[0][np.argsort(np.linalg.norm(medians[0] - base, axis=1))]
+    for trial, median in zip(trials, medians, strict=True):
+        done.append(ordered(trial, like_the_first(median, first)))
     return done
 
 
@@ -270,8 +270,8 @@ def pose_options(trial: Trial, base: str) -> dict[str, Any]:
     axis of the tracker nearest to the direction from the base to the last station.
     """
     recording = trial.grouped
-    place = np.nanmedian(recording["position"].values, axis=0)
-    chord = place[-1] - place[[str(s) for s in recording["station"].values].index(base)]
+    position = np.nanmedian(recording["position"].values, axis=0)
+    chord = position[-1] - position[[str(s) for s in recording["station"].values].index(base)]
     k = int(np.argmax(np.abs(chord)))
     sign = "+" if chord[k] > 0 else "-"
     return {"base": base, "tangent": f"{sign}{'xyz'[k]}", "plane": f"+{'xyz'[(k + 1) % 3]}"}

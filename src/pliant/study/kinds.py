@@ -109,13 +109,13 @@ def named_level(trial: Trial) -> tuple[str, float] | None:
 def named_kind(trials: Sequence[Trial]) -> str:
     """Return the kind of the inputs of tendons that the names of all files state, with different values; else ""."""
     stated = {named_level(trial) for trial in trials}
-    kinds = {one[0] if one else "" for one in stated}
+    kinds = {words[0] if words else "" for words in stated}
     return kinds.pop() if len(kinds) == 1 and len(stated) > 1 else ""
 
 
 def moving_inputs(trial: Trial) -> bool:
     """Return whether a recorded input changes."""
-    return any(np.ptp(one.values[np.isfinite(one.values)]) > 0 for one in recorded_inputs(trial.recording))
+    return any(np.ptp(signal.values[np.isfinite(signal.values)]) > 0 for signal in recorded_inputs(trial.recording))
 
 
 def levels_by_name(trials: Sequence[Trial]) -> dict[str, dict[str, float | str]]:
@@ -295,9 +295,9 @@ def pulled_aside(trial: Trial) -> bool:
     if trial.angles_only or (len(trial.stations) or trial.recording.sizes["station"]) < 2:
         return False
     recording = trial.grouped
-    place = recording["position"].values
+    position = recording["position"].values
     base = [str(s) for s in recording["station"].values].index(trial.base) if trial.options else 0
-    chord = np.linalg.norm(place[:, -1] - place[:, base], axis=-1)
+    chord = np.linalg.norm(position[:, -1] - position[:, base], axis=-1)
     return bool(np.nanmedian(chord[:5]) < np.nanmedian(chord[-max(5, len(chord) // 20):]))
 
 
@@ -323,9 +323,9 @@ def returned(trial: Trial) -> bool:
 
 def waits(trial: Trial) -> bool:
     """Return whether the inputs change in steps between which they stay for a second or longer."""
-    for one in recorded_inputs(trial.recording):
-        known = np.isfinite(one.values)
-        time, values = one.time[known], one.values[known]
+    for signal in recorded_inputs(trial.recording):
+        known = np.isfinite(signal.values)
+        time, values = signal.time[known], signal.values[known]
         span = np.ptp(values) if values.size else 0.0
         if not span:
             continue

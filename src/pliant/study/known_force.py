@@ -49,13 +49,13 @@ class KnownForce(BaseModel):
         Two components are multiplied by `x_sign` (1 or -1), the direction of the recording's x axis there, and 1. Three
         are turned by `rotation` (3, 3) from the tracker's axes; without it they are in the base frame.
         """
-        place = (self.link or 1) - 1, self.along or 0.0, self.across, self.aside
+        point = (self.link or 1) - 1, self.along or 0.0, self.across, self.aside
         force = np.array(self.force_n, dtype=float)
         if force.shape[-1] == 2:
             force = force * [x_sign, 1.0]
         elif rotation is not None:
             force = force @ rotation.T
-        return PointForce(np.array(self.time_s), force, self.station or Station("known force", *place))
+        return PointForce(np.array(self.time_s), force, self.station or Station("known force", *point))
 
 
 def check_forces(forces: Mapping[str, Sequence[KnownForce]], *, space: bool) -> None:

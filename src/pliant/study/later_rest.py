@@ -20,11 +20,11 @@ def later_rest(recording: xr.Dataset) -> list[float] | None:
 
     None if all stations are labelled from the first frame on, or there is no such rest.
     """
-    time, place = recording["time"].values, recording["position"].values
-    seen = np.isfinite(place).all(axis=2)
-    start = int(np.argmax(seen.all(axis=1)))
-    tip = place[seen[:, -1], -1]
-    if not start or not seen.all(axis=1).any() or len(tip) < 10:
+    time, position = recording["time"].values, recording["position"].values
+    complete = np.isfinite(position).all(axis=2)
+    start = int(np.argmax(complete.all(axis=1)))
+    tip = position[complete[:, -1], -1]
+    if not start or not complete.all(axis=1).any() or len(tip) < 10:
         return None
     widest = float(np.linalg.norm(np.ptp(tip, axis=0)))
     shape = recording.drop_vars([name for name in ("pressure", "actuation") if name in recording])
@@ -33,7 +33,7 @@ def later_rest(recording: xr.Dataset) -> list[float] | None:
             begin, end = rest_window(cut_time(shape, float(time[start]), float(time[-1])))
         except InputError:
             return None
-        still = place[(time >= begin) & (time <= end), -1]
+        still = position[(time >= begin) & (time <= end), -1]
         away = np.linalg.norm(np.nanmedian(still, axis=0) - np.median(tip[:10], axis=0))
         if away < NEAR * widest:
             return [round(begin, 3), round(end, 3)]

@@ -389,11 +389,11 @@ def inputs_in_words(entry: Recording, recording: xr.Dataset, name: str) -> list[
     The list is empty if all inputs are pressures and the study does not state whether they were measured.
     """
     inputs = recorded_inputs(recording)
-    if not inputs or (entry.signal is None and all(one.kind == "pressure" for one in inputs)):
+    if not inputs or (entry.signal is None and all(item.kind == "pressure" for item in inputs)):
         return []
     driven = driving(name, recording, entry.drive) if entry.drive else {}
-    listed = {kind: [f"{one.name} drives {to}" for to, one in driven.items() if one.kind == kind] for kind in MEANT}
+    listed = {kind: [f"{item.name} drives {to}" for to, item in driven.items() if item.kind == kind] for kind in MEANT}
     if not driven:
-        listed = {kind: [one.name or "a single input" for one in inputs if one.kind == kind] for kind in MEANT}
+        listed = {kind: [item.name or "a single input" for item in inputs if item.kind == kind] for kind in MEANT}
     listing = "; ".join(f"{', '.join(names)} ({MEANT[kind]})" for kind, names in listed.items() if names)
     return [f"inputs, {entry.signal or 'not stated whether measured or commanded'}: {listing}"]

@@ -237,8 +237,8 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
         notify(f"order from {name}: {shape.order.reason} The chain has {shape.links.n} links.")
     experiments, provenance = {}, {}
     rotation = None
-    for name, one in aligned.items():
-        recording, clocks = one.body, one.clocks
+    for name, record in aligned.items():
+        recording, clocks = record.body, record.clocks
         reduced = (
             link_experiment(study, name, recording, shape.links) if shape else study_experiment(study, name, recording)
         )

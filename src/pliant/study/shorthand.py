@@ -74,7 +74,7 @@ def all_tendons(actuator: Mapping[str, Any]) -> Table:
     if not isinstance(shared, Mapping) or not isinstance(tendons, list):
         raise InputError(f"[actuator.{TENDON_DEFAULTS}] is a table of entries that the tendons [[actuator.tendons]] "
                          "share: add the tendons, or remove it")
-    whole = [merged(shared, one) if isinstance(one, Mapping) else one for one in tendons]
+    whole = [merged(shared, tendon) if isinstance(tendon, Mapping) else tendon for tendon in tendons]
     return {**{k: v for k, v in actuator.items() if k != TENDON_DEFAULTS}, "tendons": whole}
 
 
@@ -132,7 +132,7 @@ def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...]) -> Tabl
     """Return the fit `name`. Entries that it lacks are taken from the fit that its entry `like` names, and the
     parameters that its entry `without` lists are removed.
     """
-    own = {key: value for key, value in fits[name].items() if key not in ("like", "without")}
+    stated = {key: value for key, value in fits[name].items() if key not in ("like", "without")}
     like, without = fits[name].get("like"), fits[name].get("without", [])
     if like is not None:
         if not isinstance(like, str) or like not in fits:
@@ -144,15 +144,15 @@ def fit_of(name: str, fits: Mapping[str, Table], above: tuple[str, ...]) -> Tabl
                              "`like`")
         shared = fit_of(like, fits, (*above, name))
         shared.pop("title", None)  # each fit has a title of its own
-        own = merged(shared, own)
-    parameters = own.get("parameters", {})
+        stated = merged(shared, stated)
+    parameters = stated.get("parameters", {})
     known = parameters if isinstance(parameters, Mapping) else {}
     if not isinstance(without, list) or [p for p in without if not isinstance(p, str) or p not in known]:
         raise InputError(f"fit {name} has without = {shown(without)}, which must be a list of some of its parameters: "
                          f"{', '.join(known) or 'none'}")
     if without:
-        own["parameters"] = {p: entry for p, entry in parameters.items() if p not in without}
-    return own
+        stated["parameters"] = {p: entry for p, entry in parameters.items() if p not in without}
+    return stated
 
 
 def open_entries(content: Any, where: str = "") -> Iterator[str]:

@@ -89,14 +89,14 @@ def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
             owner = "_".join(w for w in words if w not in {*axis, axis, *TURNING, "position", "pos", "pose"})
             parts.setdefault(owner, {}).setdefault(axis, k)
     if {"a", "g"} <= set(parts) and "b" not in parts:  # a_x and g_x are an acceleration and a rate of turning
-        parts = {owner: at for owner, at in parts.items() if owner not in ("a", "g")}
+        parts = {owner: columns_of for owner, columns_of in parts.items() if owner not in ("a", "g")}
     stations = {}
-    for owner, at in parts.items():
-        if all(a in at for a in "xyz"):
+    for owner, columns_of in parts.items():
+        if all(a in columns_of for a in "xyz"):
             title = f"p{owner}" if owner.isdigit() else owner or "tip"
-            stations[title] = {"position": [at[a] for a in "xyz"]}
-            if all(f"q{a}" in at for a in "xyzw"):
-                stations[title]["quaternion"] = [at[f"q{a}"] for a in "xyzw"]
+            stations[title] = {"position": [columns_of[a] for a in "xyz"]}
+            if all(f"q{a}" in columns_of for a in "xyzw"):
+                stations[title]["quaternion"] = [columns_of[f"q{a}"] for a in "xyzw"]
     return {title: stations[title] for title in base_to_tip([*stations])}
 
 

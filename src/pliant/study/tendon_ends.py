@@ -92,8 +92,8 @@ class HeldTendons:
         """Return the least squared error, over that of no bend, and the values of `displacements` there."""
         from scipy.optimize import least_squares
 
-        seen, size = np.isfinite(self.gains), np.sqrt(np.nansum(self.gains**2))
-        best = least_squares(lambda x: ((self.displacements(x, ends) - self.gains) / size)[seen], x,
+        measured, size = np.isfinite(self.gains), np.sqrt(np.nansum(self.gains**2))
+        best = least_squares(lambda x: ((self.displacements(x, ends) - self.gains) / size)[measured], x,
                              max_nfev=evaluations)  # fmt: skip
         return 2.0 * float(best.cost), best.x
 
@@ -105,8 +105,8 @@ class HeldTendons:
         where `end_of_bend` finds it. In each, the end is moved that improves the fit most or, where none does by 3 %
         and the fit is poor, the ends of two tendons are.
         """
-        shown = np.where(np.isfinite(self.gains).all(axis=2), self.heights, -np.inf)
-        far = self.gains[np.arange(len(self.gains)), np.argmax(shown, axis=1)]
+        heights = np.where(np.isfinite(self.gains).all(axis=2), self.heights, -np.inf)
+        far = self.gains[np.arange(len(self.gains)), np.argmax(heights, axis=1)]
         bend = 2.0 * np.linalg.norm(far, axis=1) / self.edges[-1] ** 2
         alone = [end_of_bend(gain, self.heights) for gain in self.gains]
         stiff = np.array([*np.arctan2(far[:, 1], far[:, 0]), *bend, STIFF])

@@ -179,7 +179,7 @@ class Trial:
     @property
     def tendon_inputs(self) -> list[RecordedInput]:
         """Return the recorded inputs that drive tendons: all inputs except pressures."""
-        return [one for one in recorded_inputs(self.recording) if one.kind != "pressure"]
+        return [signal for signal in recorded_inputs(self.recording) if signal.kind != "pressure"]
 
     @property
     def peak_motion(self) -> float:
@@ -248,20 +248,20 @@ def inspect_trial(
     InputError
         When the file cannot be read, or holds neither positions nor angles.
     """
-    kept = dict(mapping) if mapping else None
-    return inspect_reading(WithLog(path, kept, log, log_mapping, part), read_or_guess(path, kept))
+    entries = dict(mapping) if mapping else None
+    return inspect_reading(WithLog(path, entries, log, log_mapping, part), read_or_guess(path, entries))
 
 
 def inspect_reading(files: WithLog, reading: FirstReading, number: int | None = None) -> Trial:
     """Inspect what was read from a file; see `inspect_trial`."""
     recording, assumed, guess = reading
     if not shape_variable(recording):
-        held = (
+        releases = (
             "the strain of a fibre: describe its cores in a mapping file (table [cores]) and give that by --mapping"
             if "strain" in recording
             else "pressure alone, and a study needs the shape too: add the recording to which it belongs"
         )
-        raise InputError(f"{files.shape.name} holds {held}")
+        raise InputError(f"{files.shape.name} holds {releases}")
     unsynchronised = ""
     if files.log is not None:
         recording, unsynchronised = with_log(recording, files.log, files.shape.stem, files.log_options)
@@ -342,13 +342,13 @@ def from_one_side(trials: Sequence[Trial]) -> list[Trial]:
     done: list[Trial] = []
     normal = None
     for trial in trials:
-        one = trial
+        turned = trial
         if trial.aligned is not None and "alignment" in trial.aligned.attrs:
             if normal is None:
                 normal = np.array(alignment_of(trial.aligned).normal)
             else:
-                one = replace(trial, aligned=align(trial.grouped, **trial.options, plane=normal, bend=None))
-        done.append(one)
+                turned = replace(trial, aligned=align(trial.grouped, **trial.options, plane=normal, bend=None))
+        done.append(turned)
     return done
 
 

@@ -42,13 +42,13 @@ def verdict(outcome: StudyOutcome, targets: Targets) -> tuple[str, ...]:
     lines += [outcome.wirings.sentence] if outcome.wirings else []
     lines = [*better_map(outcome.fits[0]), *lines]
     for fit in outcome.fits:
-        held = [r for r in fit.records if r.role == "held_out"]
+        held_out = [r for r in fit.records if r.role == "held_out"]
         lines += better_map(fit) if fit is not outcome.fits[0] else []
-        lines += [record_sentence(fit, r, targets) for r in held or fit.records]
+        lines += [record_sentence(fit, r, targets) for r in held_out or fit.records]
         lines += [f"{fit.title}: {s}" for s in [plain_map_sentence(fit)] if s]
         lines += [n.sentence for n in fit.not_computed]
         followed = [r.metrics["rmse_percent_of_travel"] for r in fit.records if r.role == "train"]
-        if held and followed:
+        if held_out and followed:
             worst = max(followed)
             lines.append(f"{fit.title}: training error at most {worst:.1f} % of the peak displacement (RMS).")
         if not fit.result.converged or "bound" in fit.result.status or "do not show" in fit.result.status:
@@ -220,13 +220,13 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     a target is missed, "beware" if there are warnings, "good" if all targets are met, or "open" if no target is stated.
     """
     fit = outcome.fits[0]
-    held = [r for r in fit.records if r.role == "held_out"]
+    held_out = [r for r in fit.records if r.role == "held_out"]
     lost = [m for m in fit.missing if m.role == "held_out"]
-    records = [] if lost and not held else held or list(fit.records)
+    records = [] if lost and not held_out else held_out or list(fit.records)
     verdicts = [judged(r.metrics, targets) for r in records]
     plain = better_sentence(fit)
     notes = [*([fit.baseline.suggestion] if plain and fit.baseline else []),
-             *fit_warnings(fit, held=bool(held or lost), chosen=outcome.model_selection is not None),
+             *fit_warnings(fit, held=bool(held_out or lost), chosen=outcome.model_selection is not None),
              *(w for r in records for w in record_warnings(r))]
     other = doubts_on_other_fits(outcome)
     doubts = [d for d in outcome.doubts if d not in other]
@@ -240,7 +240,7 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     verdicts += ["missed"] * (len(lost) if targets != Targets() else 0)
     sentences = [plain] if plain else []
     model = f"The model of the fit {fit.title}" if len(outcome.fits) > 1 else "The model"
-    sentences += [sentence(model, records, held=bool(held)) + largest_shortfall(records)] if records else []
+    sentences += [sentence(model, records, held=bool(held_out)) + largest_shortfall(records)] if records else []
     sentences += [lost_sentence(lost)] if lost else []
     beyond = tuple(f"Forecast, {f.title}: it {extrapolated(f)}" for f in outcome.forecasts if f.extrapolates)
     spoken = " ".join([*sentences, target_sentence(verdicts)])
@@ -315,7 +315,7 @@ def largest_shortfall(shown: Sequence[RecordOutcome]) -> str:
     """Return a sentence on the model's largest deviation from the recordings; "" if it is small. Deviations are
     compared relative to their warning limits, and one below half of its limit is small.
     """
-    large = [one for r in shown for one in shortfalls(r) if one[0] > WORTH_NAMING]
+    large = [shortfall for r in shown for shortfall in shortfalls(r) if shortfall[0] > WORTH_NAMING]
     return f" Largest deviation: {max(large)[1]}" if large else ""
 
 
@@ -343,9 +343,9 @@ def shortfalls(record: RecordOutcome) -> Iterator[tuple[float, str]]:
         share = 100 * abs(steady) / travel
         off_by = f"{steady:+.2g} {unit}, {share:.0f} % of the peak displacement"
         yield share / STEADY, f"{name}: the steady state of the model is off by {off_by}."
-    held = m.get("within_band_percent", 95.0)
-    within = f"the 95 % prediction band contains only {held:.0f} % of the measured values"
-    yield (95.0 - held) / (95.0 - COVERED), f"{name}: {within}."
+    coverage = m.get("within_band_percent", 95.0)
+    within = f"the 95 % prediction band contains only {coverage:.0f} % of the measured values"
+    yield (95.0 - coverage) / (95.0 - COVERED), f"{name}: {within}."
     longer = m.get("extension_percent") or 0.0
     if longer > 0:
         shorter = abs(longer - (m.get("extension_modelled_percent") or 0.0))

@@ -375,8 +375,8 @@ def tried(data: TrainingData, time_constants: tuple[float, ...], degree: int) ->
         if len(filled) > 1:
             values = [data.values[np.ix_(there[k], outputs)] for k in filled]
             sums = [products(terms[there[k]], y) for k, y in zip(filled, values, strict=True)]
-            edges = [one if inside[groups[k]] is None else products(edge[there[k]], y)
-                     for k, y, one in zip(filled, values, sums, strict=True)]
+            edges = [total if inside[groups[k]] is None else products(edge[there[k]], y)
+                     for k, y, total in zip(filled, values, sums, strict=True)]
             squares[:, filled] += left_out(sums, edges, ridges)
             count[filled, 0] += [there[k].size * len(outputs) for k in filled]
     errors = np.stack([data.error(square, count) for square in squares])

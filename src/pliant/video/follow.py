@@ -173,8 +173,8 @@ class Follower:
         v = np.arange(-2.0 * half, BEYOND * 2.0 * half)
         u = np.linspace(-0.55, 0.55, 11) * half
         neighbour = line[-1] + v[:, None, None] * along + u[None, :, None] * across
-        seen, behind = self.sample(picture, neighbour)
-        body = share(seen, behind, np.full(len(v), light)).mean(axis=1)
+        sampled, behind = self.sample(picture, neighbour)
+        body = share(sampled, behind, np.full(len(v), light)).mean(axis=1)
         end = float(crossing(body[None], np.zeros(1, int))[0][0])
         if not np.isfinite(end):
             return line, False

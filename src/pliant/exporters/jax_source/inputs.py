@@ -103,7 +103,7 @@ def swollen_slope(start, end, slow, share, a, form):
 def mean_swollen(p, slow, growth, share, law):
     """Return the mean torque over an interval p, for three lagged pressures and three factors of inflation."""
     start, middle, end, mean = p
-    torques = [g * swollen(at, s, share, *law) for at, s, g in zip(p[:3], slow, growth, strict=True)]
+    torques = [g * swollen(pressure, s, share, *law) for pressure, s, g in zip(p[:3], slow, growth, strict=True)]
     slope = growth[1] * swollen_slope(start, end, slow[1], share, *law)
     simpson = (torques[0] + 4.0 * torques[1] + torques[2]) / 6.0
     return simpson + (mean - (start + 4.0 * middle + end) / 6.0) * slope

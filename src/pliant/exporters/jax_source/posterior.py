@@ -23,8 +23,8 @@ def draws(n, key):
 
     def again(now):
         key, move, count = now
-        key, own = jax.random.split(key)
-        fresh = jax.random.normal(own, move.shape, move.dtype) @ jnp.asarray(FACTOR.T, move.dtype)
+        key, subkey = jax.random.split(key)
+        fresh = jax.random.normal(subkey, move.shape, move.dtype) @ jnp.asarray(FACTOR.T, move.dtype)
         return key, jnp.where(within(move)[:, None], move, fresh), count + 1
 
     start = (key, jnp.full((n, MEAN.size), jnp.nan, jnp.result_type(float)), 0)

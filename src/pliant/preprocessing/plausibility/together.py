@@ -35,8 +35,8 @@ def copies(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
     A held-out copy of a training recording validates nothing.
     """
     for *pair, shared in alike(recordings):
-        one, other = sorted(pair, key=[*recordings].index)
-        yield (f"{one} and {other} hold the same numbers in {shared} frames: is one a copy of the other? Leave the "
+        first, other = sorted(pair, key=[*recordings].index)
+        yield (f"{first} and {other} hold the same numbers in {shared} frames: is one a copy of the other? Leave the "
                "copy out: a recording cannot validate a model that was fitted to it")  # fmt: skip
 
 
@@ -45,12 +45,12 @@ def alike(recordings: Mapping[str, xr.Dataset]) -> Iterator[tuple[str, str, int]
     The shorter one, or the later of two equal ones, is named first.
     """
     shapes = {n: shape_values(r) for n, r in recordings.items()}
-    seen = {n: {row.tobytes() for row in s.reshape(len(s), -1) if np.isfinite(row).any()} for n, s in shapes.items()}
+    rows = {n: {row.tobytes() for row in s.reshape(len(s), -1) if np.isfinite(row).any()} for n, s in shapes.items()}
     for first, second in combinations(recordings, 2):
-        one, other = (first, second) if len(seen[first]) < len(seen[second]) else (second, first)
-        shared = len(seen[one] & seen[other])
-        if shared >= max(FEWEST, COPIED * len(seen[one])):
-            yield one, other, shared
+        smaller, other = (first, second) if len(rows[first]) < len(rows[second]) else (second, first)
+        shared = len(rows[smaller] & rows[other])
+        if shared >= max(FEWEST, COPIED * len(rows[smaller])):
+            yield smaller, other, shared
 
 
 def exchanged(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
@@ -59,10 +59,10 @@ def exchanged(recordings: Mapping[str, xr.Dataset]) -> Iterator[str]:
 
     Their pressure logs may be exchanged.
     """
-    held = {n: found for n, r in recordings.items() if (found := plateau(r)) is not None}
-    for one, other in combinations(held, 2):
-        low, high = sorted((one, other), key=lambda n: abs(held[n][0]))
-        (p, u), (higher, less) = held[low], held[high]
+    plateaus = {n: level for n, r in recordings.items() if (level := plateau(r)) is not None}
+    for first, other in combinations(plateaus, 2):
+        low, high = sorted((first, other), key=lambda n: abs(plateaus[n][0]))
+        (p, u), (higher, less) = plateaus[low], plateaus[high]
         if p * higher > 0 and abs(higher) > MORE * abs(p) and less < LESS * u:
             yield (f"{high} moves by {1e3 * less:.3g} mm under {higher / 1e3:.3g} kPa, but {low} by {1e3 * u:.3g} mm "
                    f"under only {p / 1e3:.3g} kPa: are their pressure logs exchanged, or was the body in {high} "
@@ -76,14 +76,14 @@ def plateau(recording: xr.Dataset) -> tuple[float, float] | None:
     if "position" not in recording or "pressure" not in recording or recording["pressure"].ndim != 1:
         return None
     clock, measured = recording["pressure_time"].values, recording["pressure"].values
-    time, place = recording["time"].values, detectors.without_spikes(recording["position"].values[:, -1:])[:, 0]
-    known, seen = np.isfinite(measured), np.isfinite(place).all(axis=1)
-    if known.sum() < 2 or seen.sum() < 2:
+    time, tip = recording["time"].values, detectors.without_spikes(recording["position"].values[:, -1:])[:, 0]
+    known, complete = np.isfinite(measured), np.isfinite(tip).all(axis=1)
+    if known.sum() < 2 or complete.sum() < 2:
         return None
     pressure = np.interp(time, clock[known], measured[known])
     level = peak(pressure)
-    on = np.flatnonzero((pressure / level > PLATEAU) & seen) if level else np.empty(0, dtype=int)
+    on = np.flatnonzero((pressure / level > PLATEAU) & complete) if level else np.empty(0, dtype=int)
     if not on.size or time[on[-1]] - time[on[0]] < LEAST_S:
         return None
-    rest, end = np.median(place[seen][:5], axis=0), np.median(place[on[-max(3, on.size // 3):]], axis=0)
+    rest, end = np.median(tip[complete][:5], axis=0), np.median(tip[on[-max(3, on.size // 3):]], axis=0)
     return level, float(np.linalg.norm(end - rest))
