@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pliant.errors import InputError
 from pliant.identification import Experiment
 from pliant.identification.from_recording import usual_start
 from pliant.identification.prediction import predict
@@ -66,6 +67,23 @@ def test_a_warm_up_begins_where_the_body_was_left() -> None:
     unseen[TIME < 1.1] = np.nan  # the motion has begun when the tracker finds the tip
     assert usual_start(replace(exp, position=unseen)) == "rest"
     assert usual_start(replace(exp, own_places=True)) == "rest"
+    assert usual_start(replace(exp, warm_up=0.04)) == "rest", "its pose would rest on frames that are compared"
+    unseen = exp.position.copy()
+    unseen[TIME < 0.5] = np.nan  # an input has changed before
+    assert usual_start(replace(exp, position=unseen)) == "rest"
+
+
+def test_a_pose_of_late_frames_is_refused_and_compared_frames_are_named() -> None:
+    exp, _ = recorded(body(False))
+    assert "count in its error too" in start_note(replace(exp, start=AtPose(), warm_up=0.0))
+    late = exp.position.copy()
+    late[TIME < 2.5] = np.nan
+    with pytest.raises(InputError, match=r"first seen 2\.5 s after the start, too late"):
+        replace(exp, start=AtPose(), position=late)
+
+
+def test_the_pose_of_a_start_is_that_of_its_first_frames() -> None:
+    exp, _ = recorded(body(False))
     text = start_note(replace(exp, start=AtPose()))
     assert text.startswith("its simulation starts where the body was left")
     assert "a warm-up" in text

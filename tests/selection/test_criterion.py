@@ -151,12 +151,15 @@ def test_a_recording_that_no_model_predicts_has_no_say():
 @pytest.mark.parametrize("space", [False, True])
 def test_the_motion_is_the_error_of_a_body_that_stands_still(rng, space):
     size = 3 if space else 2
-    path = rng.normal(size=(30, 1, size))
+    noise = 1e-3 * rng.normal(size=(30, 1, size))
+    path = noise + np.sin(np.arange(30) / 8)[:, None, None]
     path[3] = np.nan
     one = Observations(Experiment("x", np.arange(30) / 10, path, ("tip",), "step", level=1e4), "travel")
     still = np.broadcast_to(np.nanmean(path, axis=0), path.shape)
     rows = np.concatenate([still, np.zeros((30, 1, 3 - size))], axis=2)
     assert one.motion == pytest.approx(float(np.sum(one.residual(rows) ** 2)))
+    held = Experiment("h", np.arange(30) / 10, 1.0 + noise, ("tip",), "step", level=1e4)
+    assert np.isinf(Observations(held, "travel").motion), "a pose is no motion: its error always counts"
 
 
 @pytest.mark.parametrize(("lower", "upper", "begin", "end", "part"), [

@@ -30,7 +30,9 @@ def test_weakly_determined_parameters_of_a_chosen_model_are_in_the_full_verdict_
     first = replace(outcome.fits[0], records=outcome.fits[0].records[:1])
     first = replace(first, result=replace(first.result, notes=(note,)))
     stated = replace(outcome, fits=(first,))
-    chosen = replace(stated, model_selection=ModelSelection((), (), "a lower error", None, 1.0))
+    selection = ModelSelection((), (), "a lower error", None, 1.0)
+    assert note in headline(replace(stated, model_selection=selection), Targets()).warnings, "the choice has no fit"
+    chosen = replace(outcome, fits=(replace(first, name="model_selection"),), model_selection=selection)
     assert note in headline(stated, Targets()).warnings
     assert note not in headline(chosen, Targets()).warnings
     assert any(note in line for line in verdict(chosen, Targets()))

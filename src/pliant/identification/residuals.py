@@ -16,6 +16,7 @@ from pliant.preprocessing.detectors import quantum, white_noise
 Array = np.ndarray
 WEIGHTINGS = ("travel", "metre", "noise", "decay")
 LEAST_MOTION = 0.05  # of the peak displacement: frames with less motion to come weigh alike
+MOVES = 100.0  # sum of squares of the values of a recording, over that of its noise, above which they show a motion
 AT_END = 5  # frames that show where a motion ends
 
 
@@ -121,13 +122,15 @@ class Observations:
     @property
     def motion(self) -> float:
         """Return the sum of squared residuals of a body that stands still in the mean of its observed positions and
-        angles; inf with values of further kinds.
+        angles; inf where a recording shows no motion above its noise, or settled poses, or values of further kinds.
         """
-        if self.more:
+        if self.more or self.exp.poses:
             return float("inf")
         middle = np.nan_to_num(self.data).sum(axis=0) / np.maximum(self.seen.sum(axis=0), 1)
         away = (self.data - middle)[self.seen] * self.flat_weight
-        return float(np.sum(away**2))
+        noise = white_noise(self.data)[self.station, self.channel] * self.flat_weight
+        still = float(np.sum(away**2))
+        return still if still > MOVES * float(np.sum(noise**2)) else float("inf")
 
     def residual(self, rows: Array) -> Array:
         """Return the N weighted residuals (N,): modelled positions and angles (T, S, 3) of S stations in T frames,

@@ -20,6 +20,7 @@ EARLY = 5  # first frames that must move too: a motion that begins later starts 
 LEAST_PATH = 0.01  # of the peak displacement, in the first frames: less is no motion
 LATEST = 1.0  # s after the start, by which the first frames end
 STEADY = 0.5  # speed in the first five frames over that in all first frames, at least
+STANDING = 0.05  # of the range of an input: smaller changes before the first frames of a pose do not move the body
 ABOVE_NOISE = 10.0  # path in the first frames over the noise of a coordinate
 
 
@@ -159,9 +160,20 @@ def may_move(exp: Any) -> bool:
 
 
 def shows_start(exp: Any) -> bool:
-    """Return whether all stations of an experiment that can begin in a pose are seen early in it."""
-    return may_move(exp) and all(
-        distinct_frames(exp, k)[0][0] - exp.time[0] <= LATEST for k in range(len(exp.stations)))
+    """Return whether the warm-up of an experiment shows the pose in which it begins: all stations are seen before its
+    end and before an input changes.
+    """
+    if not may_move(exp):
+        return False
+    seen = last_of_first_frames(exp)
+    early = exp.time <= seen
+    changes = (np.ptp(t(exp.time[early])) > STANDING * np.ptp(t(exp.time)) for t in exp.traces.values())
+    return seen <= exp.time[0] + min(LATEST, exp.warm_up - LEAST_TIME) and not any(changes)
+
+
+def last_of_first_frames(exp: Any) -> float:
+    """Return the time [s] of the first frame of the station that is seen last."""
+    return float(max(distinct_frames(exp, k)[0][0] for k in range(len(exp.stations))))
 
 
 def check_start(exp: Any) -> None:
@@ -175,6 +187,9 @@ def check_start(exp: Any) -> None:
             f"experiment {exp.name}: only a recording of positions under measured inputs can begin in motion or in a "
             "pose, without poses and own_places: leave out start, or the others"
         )
+    if (late := last_of_first_frames(exp) - exp.time[0]) > LATEST and not isinstance(exp.start, Moving):
+        raise InputError(f"experiment {exp.name}: a station is first seen {late:.3g} s after the start, too late for a "
+                         "start in the pose of the first frames: leave out start, or the station")  # fmt: skip
     for k, station in enumerate(exp.stations if isinstance(exp.start, Moving) else ()):
         if len(first_frames(exp, k)[0]) < LEAST_FRAMES:
             raise InputError(
@@ -191,8 +206,9 @@ def start_note(exp: Any) -> str:
         notes.append(f"the recording begins in motion ({exp.stations[-1]} at {speed:.3g} mm/s): its simulation starts "
                      "from the pose and the rates of the first frames, not at rest under the first inputs")  # fmt: skip
     elif not exp.start.from_rest:
+        compared = "" if exp.warm_up else "; these frames count in its error too, as no warm_up is stated"
         notes.append("its simulation starts where the body was left, in the pose of the first frames, not at rest "
-                     "under the first inputs")  # fmt: skip
+                     f"under the first inputs{compared}")  # fmt: skip
     if exp.warm_up:
         notes.append(f"the first {exp.warm_up:.4g} s, {int(exp.warming.sum())} of {exp.time.size} frames, are a "
                      "warm-up: they are simulated, but have no weight in fits and errors")  # fmt: skip

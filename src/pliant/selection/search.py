@@ -380,6 +380,9 @@ class Search:
         """
         vague = {name: text for t in self.chosen for name, text in self.vague(t).items()
                  if name not in t.null}  # fmt: skip
+        upper = {p.name: p.upper for p in self.best.problem.free}
+        vague |= {name: "that it is as long as they are, or longer" for t in self.chosen for name in t.limits
+                  if self.best.values[name] >= (1.0 - 1e-6) * upper.get(name, np.inf)}  # fmt: skip
         if not vague or self.late:
             return False
         name = next(iter(vague))

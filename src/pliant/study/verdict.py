@@ -226,7 +226,7 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
     verdicts = [judged(r.metrics, targets) for r in records]
     plain = better_sentence(fit)
     notes = [*([fit.baseline.suggestion] if plain and fit.baseline else []),
-             *fit_warnings(fit, held=bool(held_out or lost), chosen=outcome.model_selection is not None),
+             *fit_warnings(fit, held=bool(held_out or lost), chosen=of_selection(outcome, fit)),
              *(w for r in records for w in record_warnings(r))]
     other = doubts_on_other_fits(outcome)
     doubts = [d for d in outcome.doubts if d not in other]
@@ -250,7 +250,13 @@ def headline(outcome: StudyOutcome, targets: Targets) -> Headline:
 def doubts_on_other_fits(outcome: StudyOutcome) -> tuple[str, ...]:
     """Return the warnings that are about a fit other than the first: they do not concern the headline's model."""
     first, *others = (f"{f.title}: " for f in outcome.fits)
-    return tuple(d for d in outcome.doubts if d.startswith(tuple(others)) and not d.startswith(first))
+    kept = (first, *(f"{r.name}: " for f in outcome.fits for r in f.records))
+    return tuple(d for d in outcome.doubts if d.startswith(tuple(others)) and not d.startswith(kept))
+
+
+def of_selection(outcome: StudyOutcome, fit: FitOutcome) -> bool:
+    """Return whether a fit is that of the terms which the study chose."""
+    return outcome.model_selection is not None and fit.name == "model_selection"
 
 
 def lost_sentence(lost: Sequence[NotComputed]) -> str:
