@@ -10,6 +10,7 @@ import xarray as xr
 from command_line import invoke
 from scipy.spatial.transform import Rotation
 
+from pliant.errors import InputError
 from pliant.model import Model, Space, chain_model, save_model
 from pliant.simulation import BaseMotion, Pulse, read_base, simulate
 
@@ -127,3 +128,19 @@ def test_what_is_no_motion_of_a_base_is_refused(tmp_path: Path) -> None:
     assert "is known from 0 to 0.5 s, but is needed from 0 to 2 s" in refusal(poses(tmp_path, 2), "--duration", "2")
     alone = invoke("simulate", tmp_path / "model.json", "--base-cutoff-hz", "5")
     assert "give it by --base" in str(alone.exception)
+
+
+@pytest.mark.parametrize("header", ["t_s,x_m,y_m,theta_deg", "t_s,x_m,y_m,yaw_deg", "t_s,x_m,y_m,qx,qy,qz"])
+def test_a_rotation_that_is_not_read_is_refused(tmp_path: Path, header: str) -> None:
+    cells = header.count(",")
+    path = tmp_path / "base.csv"
+    path.write_text(header + "\n" + "".join(f"{k},{'0.1,' * (cells - 1)}{k}\n" for k in range(5)), encoding="utf-8")
+    with pytest.raises(InputError, match="rotation in columns that are not read"):
+        read_base(path, 2)
+
+
+def test_an_angle_in_a_plane_is_refused_for_a_body_in_space(tmp_path: Path) -> None:
+    path = tmp_path / "base.csv"
+    path.write_text("t_s,x_m,y_m,angle_deg\n" + "".join(f"{k},0.1,0.2,{k}\n" for k in range(5)), encoding="utf-8")
+    with pytest.raises(InputError, match="an angle in a plane"):
+        read_base(path, 3)

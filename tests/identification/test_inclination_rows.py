@@ -8,7 +8,7 @@ import xarray as xr
 
 from pliant.errors import InputError
 from pliant.estimation import estimate
-from pliant.identification import Parameter, experiment, fit, prediction_band
+from pliant.identification import Parameter, design, experiment, fit, prediction_band
 from pliant.identification.observation import modelled_rows, points_at
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import Observations, noise_ratio
@@ -35,24 +35,29 @@ def down(dimension: int) -> Array:
     return GRAVITY[dimension] / np.linalg.norm(GRAVITY[dimension])
 
 
-def recorded(dimension: int, gravity: Array, **more: object) -> xr.Dataset:
+def recorded(dimension: int, gravity: Array, pressure: Array = PRESSURE, **more: object) -> xr.Dataset:
     return make_recording(
-        TIMES, station=["mid", "tip"], pressure=PRESSURE, frame="planar" if dimension == 2 else "spatial",
+        TIMES, station=["mid", "tip"], pressure=pressure, frame="planar" if dimension == 2 else "spatial",
         further={"gravity": gravity, "gravity_constants": np.tile(down(dimension), (2, 1))}, **more,
     )
+
+
+def simulated(dimension: int, pressure: Array) -> tuple[Array, Array]:
+    """Gravity (T, S, d) in the axes of both links, and the tip (T, d), under a pressure."""
+    model = body(dimension)
+    chain = mechanics_of(model)
+    run = simulate(model, Trace(TIMES, pressure), times=TIMES, time_step=2e-3, check=False)
+    x = chain.coordinates(chain.gathered(run, 0))
+    frames = np.array([chain.link_frames(row)[1:] for row in x])
+    if dimension == 2:  # the interface states the axis to the left first
+        frames = np.stack([-frames[..., 0], frames[..., 1]], axis=-1)
+    return np.einsum("tsij,i->tsj", frames, down(dimension)), chain.tips(x)[:, -1]
 
 
 @pytest.fixture(scope="module", params=[2, 3])
 def seen(request: pytest.FixtureRequest) -> tuple[int, Array, Array]:
     """The dimension, gravity (T, S, d) in the axes of both links, and the tip (T, d), simulated."""
-    model = body(request.param)
-    chain = mechanics_of(model)
-    run = simulate(model, Trace(TIMES, PRESSURE), times=TIMES, time_step=2e-3, check=False)
-    x = chain.coordinates(chain.gathered(run, 0))
-    frames = np.array([chain.link_frames(row)[1:] for row in x])
-    if request.param == 2:  # the interface states the axis to the left first
-        frames = np.stack([-frames[..., 0], frames[..., 1]], axis=-1)
-    return request.param, np.einsum("tsij,i->tsj", frames, down(request.param)), chain.tips(x)[:, -1]
+    return request.param, *simulated(request.param, PRESSURE)
 
 
 def test_modelled_rows_turn_gravity_into_the_axes_of_the_link(seen: tuple[int, Array, Array]) -> None:
@@ -119,6 +124,14 @@ def test_a_filter_on_inclinations_follows_the_tip(seen: tuple[int, Array, Array]
     assert off.max() < 0.5 * alone.max()
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_filter_begins_under_the_first_inputs(dimension: int) -> None:
+    pressure = np.full(TIMES.size, 8e3)
+    gravity, tip = simulated(dimension, pressure)
+    out = estimate(recorded(dimension, gravity, pressure, angle_reference="rest"), body(dimension))
+    assert np.linalg.norm(out.tip_position.values[:, -1] - tip, axis=1).max() < 1e-4
+
+
 @pytest.mark.slow  # loads the compiler of dual numbers
 @pytest.mark.parametrize("reference", ["rest", "base"])
 def test_the_derivatives_of_a_fit_are_those_of_differences(seen: tuple[int, Array, Array], reference: str) -> None:
@@ -144,6 +157,10 @@ def test_a_fit_with_inclinations_alone_has_a_band(seen: tuple[int, Array, Array]
     band = prediction_band(exp, found)
     assert band.std.shape == gravity.shape
     assert np.isfinite(band.std).all()
+    assert np.isfinite(prediction_band(exp, found, training=[exp]).std).all()
+    proposed = design(found, [exp]).proposals
+    assert proposed
+    assert all(np.isfinite([*one.std.values()]).all() for one in proposed)
 
 
 @pytest.mark.slow  # MuJoCo's steps in Python

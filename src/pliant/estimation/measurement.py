@@ -177,7 +177,8 @@ def flips(rows: Array, values: Array, seen: Array) -> int:
 
 
 def measurement_of(
-    recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[str, ...] | None = None
+    recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[str, ...] | None = None,
+    inputs: Array | None = None,
 ) -> Measurement:
     """Return the filter's measurement from an aligned recording: m measured quantities, their values (T, m) in T
     frames, and their variances (m,).
@@ -186,6 +187,8 @@ def measurement_of(
     first, without any of these stations is compressed to the angles between links that divide the curve's length as
     the model's do. In space, the positions of the model's stations are used, with orientations of rigid bodies there.
     A recording holds these as rotations since its rest; they are added to the model's equilibrium without input.
+    Values of further variables that count from the first frames are added to those in equilibrium under `inputs` (C,)
+    [SI], those of the first frame; default: none.
 
     Raises
     ------
@@ -214,7 +217,7 @@ def measurement_of(
             "give the station the same name in both, or leave it out"
         )
     if wanted:
-        return from_stations(recording, model, noise, tuple(known[s] for s in wanted))
+        return from_stations(recording, model, noise, tuple(known[s] for s in wanted), inputs)
     if len(names) >= 3 * model.n and not space and "position" in recording:
         return from_curve(recording, model, noise)
     raise InputError(
@@ -238,7 +241,9 @@ def bends_away(recording: xr.Dataset, model: Model) -> bool:
     return bool(np.corrcoef(level, x[finite])[0, 1] * np.sign(torque) > PLAIN)
 
 
-def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...]) -> Measurement:
+def from_stations(
+    recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[Station, ...], inputs: Array | None = None,
+) -> Measurement:
     """Return the filter's measurement of named stations: recorded positions, and recorded angles or orientations."""
     names, space = [s.name for s in stations], model.space is not None
     further = recorded_further(recording, names)
@@ -254,7 +259,7 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
     for name, (of_name, fixed) in further.items():
         measured = of_name if of_name.ndim == 3 else of_name[..., None]
         if recording[name].attrs.get("reference") == "rest":
-            measured = measured + at_rest(model, stations, name, fixed) - first_of(measured)
+            measured = measured + at_rest(model, stations, name, fixed, inputs) - first_of(measured)
         recorded[name] = measured
     columns, rows, label, variance = [], [], [], []
     for k, s in enumerate(stations):
@@ -270,10 +275,13 @@ def from_stations(recording: xr.Dataset, model: Model, noise: Noise, stations: t
     return Measurement(time, np.concatenate(rows), value, np.array(variance), tuple(label), ())
 
 
-def at_rest(model: Model, stations: tuple[Station, ...], variable: str, constants: Array) -> Array:
-    """Return the values (S, d) of a further variable at S stations of the model in equilibrium without input."""
+def at_rest(
+    model: Model, stations: tuple[Station, ...], variable: str, constants: Array, inputs: Array | None = None,
+) -> Array:
+    """Return the values (S, d) of a further variable at S stations of the model in equilibrium under `inputs` (C,)."""
     chain = mechanics_of(model.with_(stations=stations))
-    rows = points_at(chain, chain.coordinates(state.equilibrium(model)))
+    rest = state.equilibrium(model, 0.0 if inputs is None else inputs if inputs.size > 1 else float(inputs[0]))
+    rows = points_at(chain, chain.coordinates(rest))
     values = modelled_rows(rows[None], variable, constants, planar=chain.dimension == 2)[0]
     return values[:, : len(kinds_of(variable, chain.dimension))]
 

@@ -118,8 +118,10 @@ def estimate(
         found.disturbance, found.disturbance_sd                    # N m of each joint: external forces, model error
     """
     settings = noise or default_noise(model, disturbance=disturbance, recordings=[recording])
-    measurement = measurement_of(recording, model, settings, stations)
     source, body = input_of(recording, model, pressure, pressure_window, drive)
+    begin = recording["time"].values[:1] - latency
+    first = np.array([float(one(begin)[0]) for one in (source if isinstance(source, Sequence) else [source])])
+    measurement = measurement_of(recording, model, settings, stations, first)
     times = measurement.time - latency
     if times.size < 3:  # the first meets the assumed start, and two more are compared with each other
         raise InputError(f"estimation needs at least three frames, got {times.size}: record for longer")

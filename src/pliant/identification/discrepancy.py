@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pliant.errors import SimulationError
-from pliant.identification.observation import points_at
+from pliant.identification.observation import modelled_rows, points_at
 from pliant.identification.parameters import apply, for_record
 from pliant.identification.prediction import compared_of
 from pliant.mechanics import mechanics_of
@@ -126,7 +126,11 @@ def rest_places(model: Model, exp: Experiment, grid: Array, levels: Array) -> tu
         rows = np.array([points_at(chain, chain.coordinates(one)) for one in q])
         if exp.dimension == 2:
             rows[..., 2] -= base
-        return compared_of(exp, rows)
+        if exp.alone not in exp.further:
+            return compared_of(exp, rows)
+        recorded = exp.further[exp.alone]
+        values = modelled_rows(rows, exp.alone, recorded.constants, planar=exp.dimension == 2)[..., : len(exp.axes)]
+        return values - values[:1] if recorded.reference == "rest" else values
 
     return places(angles), places(lines)
 

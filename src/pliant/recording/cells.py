@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 TIME_OF_DAY = re.compile(
     r"(?:(?P<date>\d{1,4}[-/.](?:\d\d?|[A-Za-z]{3})[-/.]\d{1,4})[T _,]+)?(?:(?P<hour>\d\d?):)?(?P<minute>\d\d?):"
-    r"(?P<second>\d\d(?:[.,:]\d+)?)(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?: ?(?:Z|UTC|[+-]\d\d:?\d\d))?"
+    r"(?P<second>\d\d(?:[.,]\d+|:\d{3}(?:\d{3}){0,2})?)(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?: ?(?:Z|UTC|[+-]\d\d:?\d\d))?"
 )
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 ORDERS = ("year-month-day", "day-month-year", "month-day-year")

@@ -52,7 +52,7 @@ PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGN
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
 ABSOLUTE = re.compile(r"(?:^|[\W_])abs(?:olute)?(?:[\W_]|$)", re.IGNORECASE)  # a pressure that is no gauge pressure
 LENGTHS = {*METRE, PIXEL}
-WORDS = {"in"}  # units that are words as well: a name states them in brackets alone
+WORDS = {"in", "atm"}  # units that are words as well: a name states them in brackets alone
 
 
 class Renamed(NamedTuple):
@@ -284,6 +284,7 @@ def parted_clock(names: Sequence[str]) -> PartedClock | None:
 
 AT_BASE, AT_TIP = {"base", "root", "mount", "ground"}, {"tip", "end", "ee", "effector", "endeffector", "distal"}
 CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns", "t_min": "min", "t_h": "h"}
+COARSE = ("t_min", "t_h")
 SHAPES = ("stations", "points", "angles")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from pliant.recording.tables import joined, split_cells
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
 
 THIN = "\u00a0\u202f\u2009'\u2019"  # these mark nothing else between digits
 BLANKS = re.compile(rf"(?<=\d)[{THIN}](?=\d{{3}}(?!\d))")
-SPACED = re.compile(r"[+-]?\d{1,3}(?: \d{3})+(?:[.,]\d+)?")
+SPACED = re.compile(r"[+-]?[1-9]\d{0,2}(?: \d{3})+(?:[.,]\d+)?")
 NUMERIC = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")
 GROUPS = {",": re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?"),
           ".": re.compile(r"[+-]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")}  # fmt: skip
@@ -68,14 +69,25 @@ def separates(columns: Sequence[Sequence[str]], mark: str) -> bool:
     if not marked or not all(GROUPS[mark].fullmatch(cell) for cell in marked):
         return False
     point = OTHER[mark]
-    if any(cell.count(mark) > 1 for cell in marked) or any(point in cell for cells in columns for cell in cells):
+    if any(cell.count(mark) > 1 for cell in marked) or any(point in cell for cell in marked):
         return True
     for cells in columns:
         small = [cell for cell in cells if mark not in cell]
         whole = len(small) < len(cells) and all(cell.lstrip("+-").isdigit() for cell in small)
-        if whole and len(small) >= FEWEST and 100 <= max(abs(int(cell)) for cell in small) < 1000:
+        if whole and len(small) >= FEWEST and 100 <= max(abs(int(cell)) for cell in small) < 1000 \
+                and smoother([cell.replace(mark, "") for cell in cells], [cell.replace(mark, ".") for cell in cells]):
             return True
     return False
+
+
+def smoother(whole: Sequence[str], decimal: Sequence[str]) -> bool:
+    """Return whether a column moves less, by its range, with a mark left out than with the mark as a decimal point."""
+    paths = []
+    for cells in (whole, decimal):
+        values = [float(cell) for cell in cells]
+        way = sum(abs(b - a) for a, b in pairwise(values))
+        paths.append(way / ((max(values) - min(values)) or 1.0))
+    return paths[0] < 0.9 * paths[1]
 
 
 def changed_cells(

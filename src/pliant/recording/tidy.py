@@ -8,10 +8,12 @@ import re
 from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
-from pliant.recording.column_names import bracketed_unit, is_time
+from pliant.recording.column_names import is_time
 from pliant.recording.tables import (
     DELIMITERS,
+    MARKS,
     MOST_PREAMBLE,
+    NUMBER,
     count_cells,
     delimiter_of,
     encoded_text,
@@ -23,7 +25,7 @@ from pliant.recording.tables import (
     split_cells,
 )
 from pliant.recording.thousands import without_thousands
-from pliant.recording.units_row import is_units_row, unit_of_cell
+from pliant.recording.units_row import is_units_row, unit_of_cell, united, without_brackets
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -153,8 +155,9 @@ def one_row_of_names(lines: list[str], first: int, mark: str | None, name: str) 
     bodies, parts = (split_cells(lines[k], mark) for k in rows)
     bodies += [""] * (len(parts) - len(bodies))
     spread = list(accumulate(bodies, body_before))
-    names = [part if not body or part == body else f"{body}_{part}" if part else body
-             for body, part in zip(spread, parts, strict=False)]  # fmt: skip
+    names = [part if not body or part == body or (part and not own and not AXIS.fullmatch(part)) else
+             f"{body}_{part}" if part else body
+             for own, body, part in zip(bodies, spread, parts, strict=False)]  # fmt: skip
     if len(bodies) != len(parts) or repeated_names(names) or not all(names):
         return numbered(lines, first, cells, mark, name)
     lines[rows[0]], lines[rows[1]] = "", joined(names, mark)
@@ -168,6 +171,8 @@ def body_before(before: str, body: str) -> str:
 
 def numbered(lines: list[str], first: int, cells: list[str], mark: str | None, name: str) -> list[str]:
     """Number the bodies of coordinates that repeat, such as x, y, z, x, y, z."""
+    if not repeated_names(cells):
+        return []
     axes = [re.fullmatch(r"([xyz])(?:\W.*)?", cell, re.IGNORECASE) for cell in cells]
     letters = [match[1].lower() for match in axes if match]
     count = letters.count("x")
@@ -196,15 +201,23 @@ def without_rows_below(lines: list[str], first: int, mark: str | None, name: str
         if lines[k][:1].isdigit():
             continue
         cells = split_cells(lines[k], mark)
+        if any(is_data(lines[row], mark, width) for row in rows[-MOST_BELOW:] if row > k):
+            continue
         label = cells[0].lower().rstrip(":.")
         alone = len(cells) != width and is_named(cells)
-        if (label in SUMMARIES and begins not in SUMMARIES) or alone:
+        if (label in SUMMARIES and (NUMBER.fullmatch(begins.replace(",", ".")) or ":" in begins)) or alone:
             below = [row for row in rows if row >= k]
             for row in below:
                 lines[row] = ""
             where = f"from line {k + 1} on, which begins with {cells[0][:40]!r}"
             return [f"{len(below)} row(s) below the table of {name} are left out, {where}"]
     return []
+
+
+def is_data(line: str, mark: str | None, width: int) -> bool:
+    """Return whether a line holds as many cells as a table and begins with a number or a time."""
+    cells = split_cells(line, mark)
+    return len(cells) == width and any(c.isdigit() for c in cells[0])
 
 
 def without_comments(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
@@ -214,8 +227,10 @@ def without_comments(lines: list[str], first: int, mark: str | None, name: str) 
     named = is_named(split_cells(lines[first], mark))
     begin = next(iter(following(lines, first)), first) if named else first
     comments = [k for k in range(first + 1, len(lines))
-                if lines[k].startswith("#") and (k < begin or lines[k - 1].strip())]  # fmt: skip
-    repeats = [k for k in range(first + 1, len(lines)) if named and lines[k] == lines[first]]
+                if lines[k].startswith("#") and split_cells(lines[k], mark)[0] not in MARKS
+                and (k < begin or lines[k - 1].strip())]  # fmt: skip
+    timed = any(map(is_time, split_cells(lines[first], mark)))  # else a repeated row begins another trial
+    repeats = [k for k in range(first + 1, len(lines)) if named and timed and lines[k] == lines[first]]
     for k in (*comments, *repeats):
         lines[k] = ""
     groups = {"are comments among its rows": comments, "repeat the names of its columns": repeats}
@@ -238,8 +253,7 @@ def with_units_of_cells(lines: list[str], first: int, mark: str | None, name: st
     for row, one in split.items():
         lines[row] = joined([cell.removesuffix(units[k]).rstrip() if k in units else cell
                              for k, cell in enumerate(one)], mark)  # fmt: skip
-    titled = [f"{title} [{units[k]}]" if k in units and not bracketed_unit(title) else title
-              for k, title in enumerate(names)]  # fmt: skip
+    titled = [united(title, without_brackets(units[k]), name) if k in units else title for k, title in enumerate(names)]
     lines[first] = joined(titled, mark)
     return [f"the units in the cells of {len(units)} column(s) of {name} are read as those of the columns"]
 

@@ -34,8 +34,8 @@ def with_units(lines: Sequence[str], first: int, delimiter: str | None, file: st
     if not is_units_row(names, cells):
         return list(lines), []
     cells = [without_brackets(cell) for cell in cells]
-    united = [_united(name, cell, file) for name, cell in zip(names, cells, strict=True)]
-    rows = [*lines[:first], joined(united, delimiter), *lines[first + 1 : below], "", *lines[below + 1 :]]
+    titles = [united(name, cell, file) for name, cell in zip(names, cells, strict=True)]
+    rows = [*lines[:first], joined(titles, delimiter), *lines[first + 1 : below], "", *lines[below + 1 :]]
     return rows, [f"line {below + 1} of {file} holds units: they are read as those of its columns"]
 
 
@@ -60,7 +60,7 @@ def without_brackets(cell: str) -> str:
     return unit if unit.lower() in NAMED or standard_unit(unit) not in NAMED else standard_unit(unit)
 
 
-def _united(name: str, unit: str, file: str) -> str:
+def united(name: str, unit: str, file: str) -> str:
     """Return the name of a column with its unit in brackets, or as it is if it states one already."""
     if not unit or unit.lower() not in NAMED:
         return name

@@ -26,6 +26,7 @@ from pliant.recording.cells import with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_names import (
     CLOCKS,
+    COARSE,
     base_to_tip,
     parted_clock,
     pressures_named,
@@ -56,7 +57,7 @@ from pliant.recording.units_row import with_units
 from pliant.units import PASCAL, metre_per, pascal_per
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     import xarray as xr
@@ -152,9 +153,9 @@ def _numbers(
     if metadata.get("na"):
         rows, marked = without_marks(rows, delimiter, used, metadata["na"], file)
         findings += marked
-    rows, clock = with_seconds(rows, delimiter, next(k for k, name in enumerate(names) if name in CLOCKS), file)
+    rows, clock = with_seconds(rows, delimiter, names.index(clock_of(names)), file)
     table, cut = read_rows([*lines[:first], *rows], first, delimiter, file, len(names), used)
-    table, untimed = without_idle(table, next(k for k, name in enumerate(names) if name in CLOCKS), used, file)
+    table, untimed = without_idle(table, names.index(clock_of(names)), used, file)
     return table, [*findings, *clock, *cut, *untimed]
 
 
@@ -245,7 +246,8 @@ def _check_names(names: list[str], cells: list[str], file: str) -> None:
         raise InputError(f"{file} has repeated column names: {shorten(repeated_names(written) or written, 5)}: rename "
                          "them, or give a mapping that names the columns by index")
     clocks = [n for n in names if n in CLOCKS]
-    if len(clocks) != 1:
+    fine = [n for n in clocks if n not in COARSE] or clocks  # minutes beside seconds are the same clock again
+    if len(fine) != 1:
         listing = shorten(names, 8)
         raise InputError(
             f"{file} must have one column t (seconds), t_ms or t_us in its first row, but that row is: {listing}; "
@@ -253,8 +255,14 @@ def _check_names(names: list[str], cells: list[str], file: str) -> None:
         )
 
 
+def clock_of(names: Iterable[str]) -> str:
+    """Return the name of the finest clock among columns."""
+    listed = {*names}
+    return next(name for name in CLOCKS if name in listed)
+
+
 def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str, findings: list[str]) -> xr.Dataset:
-    clock = next(n for n in CLOCKS if n in columns)
+    clock = clock_of(columns)
     labels = _station_labels(columns)
     history = list(findings)
     if empty := [n for n, values in columns.items() if pressure_unit(n) and np.isnan(values).all()]:
@@ -350,7 +358,7 @@ def pressure_unit(name: str) -> str | None:
     parts = name.split("_")
     if name.lower() in PASCAL:  # a small logger's psi, kPa or mbar
         return name
-    return parts[1] if len(parts) >= 2 and parts[0] == "p" and parts[1].lower() in PASCAL else None
+    return parts[1] if len(parts) >= 2 and parts[0] == "p" and parts[1].lower() in {*PASCAL} - {"atm"} else None
 
 
 def pressures_of(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,9 @@ from pliant.units import METRE, RADIAN
 
 Array = np.ndarray
 FLAT = 0.01  # fraction of the motion, or rad, by which the base of a planar body may leave its plane
-COLUMN = re.compile(r"(?:base_)?(?P<what>[xyz]|q[xyzw]|angle)(?:[ _]?[\[(]?(?P<unit>m|mm|cm|um|in|rad|deg)[\])]?)?",
+COLUMN = re.compile(r"(?:base_)?(?P<what>[xyz]|q_?[xyzw]|angle)(?:[ _]?[\[(]?(?P<unit>m|mm|cm|um|in|rad|deg)[\])]?)?",
                     re.IGNORECASE)  # fmt: skip
+TURN = re.compile(r"(?:base_)?(theta|phi|psi|yaw|pitch|roll|heading|rot|r[xyz]|angle|q)(?![a-z])", re.IGNORECASE)
 
 
 def read_base(
@@ -47,7 +48,7 @@ def read_base(
         When the file shows no or several stations, or a motion out of the plane of a planar body.
     """
     path = Path(path)
-    named = None if mapping else poses_by_name(path)
+    named = None if mapping else poses_by_name(path, dimension)
     time, position, axes = named or poses_of(read(path, mapping=dict(mapping) if mapping else None), path.name)
     known = np.isfinite(position).all(axis=1) & np.isfinite(axes).all(axis=(1, 2))
     if not known.any():
@@ -85,25 +86,31 @@ def poses_of(recording: xr.Dataset, file: str) -> tuple[Array, Array, Array]:
     return recording["time"].values, position, axes
 
 
-def poses_by_name(path: Path) -> tuple[Array, Array, Array] | None:
+def poses_by_name(path: Path, dimension: int) -> tuple[Array, Array, Array] | None:
     """Return times (T,) [s], positions (T, 3) [m] and axes (T, 3, 3) from the columns of a table whose names, such as
     x_mm, qx or angle_deg, are those of a single pose; None for any other file.
     """
-    if path.is_dir() or path.suffix not in (".csv", ".txt", ".tsv", ".dat"):
+    if path.is_dir() or path.suffix.lower() not in (".csv", ".txt", ".tsv", ".dat"):
         return None
-    found = {match["what"].lower(): (name, match["unit"] or "") for name in first_cells(path, {})
+    names = first_cells(path, {})
+    found = {match["what"].lower().replace("_", ""): (name, match["unit"] or "") for name in names
              if (match := COLUMN.fullmatch(name.strip()))}  # fmt: skip
     places = [found[axis] for axis in "xyz" if axis in found]
     if len(places) < 2:
         return None
+    check_turns(path, names, found)
     lengths, (angle, unit) = {one for _, one in places}, found.get("angle", ("", ""))
     if len(lengths) > 1 or not lengths <= {*METRE} or (angle and unit not in RADIAN):
         raise InputError(f"{path.name}: name the units of the base's columns, such as x_m, y_m, angle_deg")
     station: dict[str, Any] = {"position": [name for name, _ in places]}
     if all(f"q{part}" in found for part in "xyzw"):
         station["quaternion"] = [found[f"q{part}"][0] for part in "xyzw"]
-    mapping = {"stations": {"base": station}, "length_unit": lengths.pop()}
-    time, position, axes = poses_of(read(path, mapping=mapping), path.name)
+    if angle and dimension == 3:
+        raise InputError(f"{path.name} states an angle in a plane, but the body moves in space: state qx, qy, qz, qw")
+    recording = read(path, mapping={"stations": {"base": station}, "length_unit": lengths.pop()})
+    if "quaternion" in station and "quaternion" not in recording:
+        raise InputError(f"{path.name} has no valid quaternion of the base: check its columns, or leave them out")
+    time, position, axes = poses_of(recording, path.name)
     if not angle:
         return time, position, axes
     turns = read(path, mapping={"angles": {"base": angle}, "angle_unit": unit})
@@ -112,3 +119,16 @@ def poses_by_name(path: Path) -> tuple[Array, Array, Array] | None:
     c, s = np.cos(turns["angle"].values[:, 0]), np.sin(turns["angle"].values[:, 0])
     zero = 0.0 * c
     return time, position, np.moveaxis(np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1.0]]), -1, 0)
+
+
+def check_turns(path: Path, names: Sequence[str], found: Mapping[str, tuple[str, str]]) -> None:
+    """Raise InputError if a table of a base's poses has columns of its rotation that are not read, or two rotations.
+
+    `found` holds the name and unit of each column that is read, by its meaning.
+    """
+    parts = [part for part in "xyzw" if f"q{part}" in found]
+    used = {name for name, _ in found.values()}
+    unread = [name for name in names if name not in used and TURN.match(name.strip())]
+    if unread or len(parts) in (1, 2, 3) or (parts and "angle" in found):
+        raise InputError(f"{path.name} states the base's rotation in columns that are not read, or twice: name them "
+                         "angle_deg, or qx, qy, qz, qw, or name them by --base-mapping")  # fmt: skip

@@ -127,8 +127,11 @@ def guessed_table(path: Path, stated: Mapping[str, Any] | None = None) -> TableG
 
 def refuse_units(names: Sequence[str], mapping: Mapping[str, Any], file: str) -> None:
     """Raise InputError if the names of the columns of positions state several units, or a unit that is unknown."""
-    columns = [c for station in mapping.get("stations", {}).values() for c in station["position"] if c in names]
-    stated = {name: bracketed_unit(name) or unit_of(name, METRE) for name in columns}
+    known, stations = set(names), mapping.get("stations", {})
+    columns = [c for station in stations.values() for c in station["position"] if c in known]
+    words = {label.lower() for label in stations}  # of x (base), whose brackets hold no unit
+    stated = {name: "" if (unit := bracketed_unit(name)) in words else unit or unit_of(name, METRE)
+              for name in columns}
     unknown = next((name for name, unit in stated.items() if unit not in ("", "-", *METRE, PIXEL)), None)
     if unknown is not None:
         raise InputError(f"the column {shown(unknown)} of {file} states no known unit of length, which are "
