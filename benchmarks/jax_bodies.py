@@ -20,25 +20,15 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from space_batch import arm as in_space
 
 import pliant
 from pliant.actuators import chen2018
 from pliant.exporters.jax_batch import rest_states
-from pliant.model import Chamber, Memory, Model, Space
+from pliant.model import Memory, Model
 
 STEP = 1e-3  # s
-AZIMUTHS = np.radians([90.0, 210.0, 330.0])
 MEMORY = Memory((0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.1)
-
-
-def in_space() -> Model:
-    """Return five links in space with three chambers and hysteresis."""
-    chambers = [Chamber([2e-6], joint_gain=np.sin(a), cross_gain=-np.cos(a), name=f"chamber_{k}")
-                for k, a in enumerate(AZIMUTHS)]  # fmt: skip
-    return Model(
-        link_length=[0.04] * 5, link_mass=0.02, stiffness=0.5, damping=5e-3, rest_angle=0.0, gravity=[0.0, 0.0, -9.81],
-        chambers=chambers, space=Space(radius=0.012), memory=MEMORY, name="in_space",
-    )
 
 
 def exported(model: Model) -> ModuleType:
@@ -88,7 +78,7 @@ def main(given: argparse.Namespace) -> None:
     device, cpu = jax.devices()[0], jax.devices("cpu")[0]
     print(f"device: {device.device_kind} ({device.platform}), jax {jax.__version__}")
     print("body      float   bodies  compile s  steps/s   of bandwidth  difference from the CPU")
-    for name, model in (("planar", chen2018.model()), ("space", in_space())):
+    for name, model in (("planar", chen2018.model()), ("space", in_space().with_(memory=MEMORY))):
         arm = exported(model)
         for bits in given.float:
             kind = jnp.float32 if bits == 32 else jnp.float64

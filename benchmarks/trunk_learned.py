@@ -1,6 +1,6 @@
 """Compare learned models of the tendon-driven trunk with pliant's, on the same recordings, seen and unseen.
 
-    python benchmarks/trunk_learned.py --data ../shared/data/spatial_tendon_trunk --results results/spatial_tendon_trunk
+    python benchmarks/trunk_learned.py --data ../shared/data/spatial_tendon_trunk
 
 All models run without feedback from measurements: their inputs are the six motor angles and, for a dynamic model, the
 first measured frames. The program prints the root mean square distance [mm] of the middle disk and of the tip. Models
@@ -8,8 +8,6 @@ fitted to all of controlled_1 are evaluated there, under another command, and un
 a parameter for. For "left out", each fifth of the blocks of 7.5 s is predicted by models fitted to the others. Orders
 and regularisation are chosen on one in four of the training blocks, never on test data. Frozen frames are left out and
 held angles are replaced by lines, as in studies.
-
-The rows of pliant come from a run of its study (`--results`) with the study's own splits: recordings by name and role.
 """
 
 from __future__ import annotations
@@ -25,7 +23,6 @@ import numpy as np
 from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.held import leave_out_frozen, lines_between_changes
 from pliant.recording import read
-from pliant.validation.store import load_outcome
 
 Array = np.ndarray
 MAPPING = {
@@ -176,20 +173,10 @@ def chosen(makers: list[Callable[[], Model]], run: Run, train: Array, block: Arr
     return best().fit(run, train)
 
 
-def of_pliant(folder: Path) -> None:
-    """Print the middle and the last station of every recording of a finished study."""
-    for fit in load_outcome(folder).fits:
-        for record in fit.records:
-            away = np.sqrt(np.nanmean(((record.modelled - record.experiment.position) ** 2).sum(-1), axis=0))
-            shown = ", ".join(f"{s} {1e3 * a:.1f}" for s, a in zip(record.experiment.stations, away, strict=True))
-            print(f"pliant, {fit.name}: {record.name} ({record.role}): {shown} mm")
-
-
 def main() -> None:
     """Fit all families, run them without feedback, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--results", type=Path, help="folder of a run of the trunk's study")
     given = parser.parse_args()
     first, third, loaded = (load(given.data, name) for name in ("controlled_1", "controlled_3", "controlled_1_100g"))
     block = np.arange(len(first.angles)) // BLOCK
@@ -206,8 +193,6 @@ def main() -> None:
         scores = [off(model.predict(run), run, used) for run, used in runs]
         scores.insert(1, off(left_out, first, everything[0]))
         print(f"{title:42}" + "".join(f"{m:9.1f} /{t:5.1f}" for m, t in scores), flush=True)
-    if given.results:
-        of_pliant(given.results)
 
 
 if __name__ == "__main__":
