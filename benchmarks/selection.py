@@ -2,6 +2,7 @@
 
     python benchmarks/selection.py bodies [names]  # virtual actuators, default a b c 901 902 903 904
     python benchmarks/selection.py spatial [STUDY [names]]  # the fabric arm in space, each recording left out
+    python benchmarks/selection.py known [first last]  # data of a known structure: terms added and missed
 
 Virtual actuators are trained on pulses of 60 and 180 kPa, and predict the pulse of 119 kPa and the step to 240 kPa.
 STUDY is a copy of examples/spatial_pneumatic_arm.toml beside its recordings, which the file says where to find; each
@@ -13,10 +14,19 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from pliant.identification import Experiment, Parameter
+from pliant.identification import fit as fitted
+from pliant.identification.parameters import apply
+from pliant.model import Model, Station, chain_model
 from pliant.recording.netcdf import write_netcdf
+from pliant.selection import select_model, terms_for
+from pliant.simulation import Trace, simulate
 from pliant.study import Study, demo_study, load_study, run_study
 from pliant.study.schema import SelectionEntry
 from pliant.testbed import family_member, generate
@@ -80,10 +90,65 @@ def spatial(file: str | Path = SPATIAL, *names: str) -> None:
               f"{', '.join(outcome.model_selection.terms) or 'no term'} | {time.monotonic() - began:.0f} |", flush=True)
 
 
+def known(first: int = 0, last: int = 100) -> None:
+    """Choose terms for two pulses of a chain with up to three of five terms, chosen and sized at random, and noise.
+    Print how many terms are chosen that are not there, and how many are missed although the noise does not hide them.
+    """
+    wrong = missed = real = runs = 0
+    for seed in range(first, last):
+        rng = np.random.default_rng(seed)
+        names = tuple(rng.permutation(list(PRESENT))[: rng.integers(0, 4)])
+        model = chain_model(length=0.12, mass=0.03, links=2, stiffness=0.5, damping=3e-3, torque=[6e-7],
+                            stations=(Station("tip", 1, 0.06),))  # fmt: skip
+        values = {name: value for term in names for name, value in PRESENT[term](rng).items()}
+        train = [followed(model, values, level, f"p{level:.0f}", rng) for level in (5e4, 1e5)]
+        given = model.with_(torque=np.zeros(1), stiffness=0.4)
+        terms = terms_for(given, train, only=[*PRESENT, "torque_3", "joints", "cubic"])
+        found = select_model(train, given, terms=terms)
+        extra = [t for t in found.terms if t not in names]
+        lost = [t for t in names if t not in found.terms and matters(model, values, t, train)]
+        wrong, missed, real, runs = wrong + len(extra), missed + len(lost), real + len(names), runs + 1
+        print(f"{seed}: {', '.join(names) or 'linear'}; added {', '.join(extra) or '-'}; "
+              f"missed {', '.join(lost) or '-'}; {found.seconds:.0f} s", flush=True)
+    print(f"{runs} searches: {wrong} terms added that are not there, {missed} of {real} missed")
+
+
+PRESENT: dict[str, Callable[[np.random.Generator], dict[str, float]]] = {  # term: sizes of its parameters
+    "softening": lambda rng: {"stiffening": float(rng.uniform(-0.8, -0.2)), "stiffening_bound": 0.75},
+    "creep": lambda rng: {"creep_share_1": float(rng.uniform(0.1, 0.4)), "creep_time_1": float(rng.uniform(0.1, 0.6))},
+    "slip": lambda rng: {"slip_share_1": float(rng.uniform(0.1, 0.4)), "slip_angle_1": float(rng.uniform(0.005, 0.05))},
+    "torque_2": lambda rng: {"torque_2": float(rng.uniform(1e-12, 4e-12))},
+    "lag": lambda rng: dict.fromkeys(("valve_rise_time", "valve_fall_time"), float(rng.uniform(0.02, 0.08))),
+}
+TIMES = np.arange(0.0, 2.0, 0.02)
+NOISE = 2e-5  # m
+
+
+def followed(
+    model: Model, values: dict[str, float], level: float, name: str, rng: np.random.Generator | None,
+) -> Experiment:
+    """Return a simulated pulse of a chain with parameters, with noise if there is a generator."""
+    trace = Trace(np.array([0.1, 0.13, 1.0, 1.03]), np.array([0.0, level, level, 0.0]))
+    path = simulate(apply(model, values), trace, times=TIMES, time_step=5e-4)["station_position"].values
+    noise = 0.0 if rng is None else NOISE * rng.normal(size=path.shape)
+    return Experiment(name, TIMES, path + noise, ("tip",), "trace", trace)
+
+
+def matters(model: Model, values: dict[str, float], term: str, train: list[Experiment]) -> bool:
+    """Return whether a model without a term, fitted to the recordings, leaves more than 1.2 times their noise."""
+    rest = {n: v for n, v in values.items() if n not in PRESENT[term](np.random.default_rng(0))}
+    names = ["stiffness", "damping", "torque_1", *(n for n in rest if n != "stiffening_bound")]
+    fixed = [Parameter(n, v, free=False) for n, v in rest.items() if n == "stiffening_bound"]
+    result = fitted(train, apply(model, rest), [*names, *fixed], starts=1)
+    return bool(max(result.rmse.values()) > 1.2 * np.sqrt(2.0) * NOISE)
+
+
 def main(what: str, names: list[str]) -> None:
-    """Choose models for the virtual actuators, or for the fabric arm."""
+    """Choose models for the virtual actuators, for the fabric arm, or for data of a known structure."""
     if what == "spatial":
         spatial(*names)
+    if what == "known":
+        known(*map(int, names))
     for name in names or ["a", "b", "c", "901", "902", "903", "904"] if what == "bodies" else ():
         began = time.process_time()
         with tempfile.TemporaryDirectory() as folder:
