@@ -61,7 +61,7 @@ def test_time_pressure_and_quaternions_by_index(tmp_path):
         ({"stations": {"tip": {"position": [1]}}}, "stations.tip.position"),
         ({"stations": None, "pressure": None, "skip_lines": 1},
          "stations, points or angles; or, for a log without a shape, pressure"),
-        ({"stations": None, "points": {"count": 4e8}}, "points take columns 0 to 1199999999, but .* has"),
+        ({"stations": None, "points": {"count": 4e8}}, "points take columns 0 to 1199999999, but those of .* are 0 to"),
         ({"stations": None, "points": {"count": 1, "first": 9**9}}, "correct points.count, points.first"),
         ({"points": {"count": 2}}, "either stations or points"),
         ({"rate_hz": None}, "either time \\(the column of time\\) or rate_hz"),

@@ -97,7 +97,8 @@ class Planner:
                 f"{share}"
             )
         if not slack >= 1.0:
-            raise InputError(f"slack, the duration of a step over the shortest one, must be at least 1, got {slack}")
+            raise InputError("slack, the duration of a step relative to the shortest one, must be at least 1, got "
+                             f"{slack}")
         self.model, self.family, self.limits, self.ceiling = model, family, limits, share * limits.highest
         self.period, self.latency, self.slack = period, latency, slack
         self.valve = valve or supply_of(model.valve)

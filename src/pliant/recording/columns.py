@@ -411,8 +411,9 @@ def _layout(options: ColumnMapping, header: ColumnHeader) -> dict[str, StationCo
         return options.stations or {}
     points, width = options.points, len(options.points.order)
     if (last := points.first + points.count * width) > header.width:
-        raise InputError(f"the mapping's points take columns {points.first} to {last - 1}, but {header.file} has "
-                         f"{header.width} columns: correct points.count, points.first or points.order")
+        raise InputError(f"the mapping's points take columns {points.first} to {last - 1}, but those of "
+                         f"{header.file} are 0 to {header.width - 1}: correct points.count, points.first or "
+                         "points.order")
     stations = {}
     for i in range(points.count):
         begin = points.first + i * width

@@ -119,7 +119,7 @@ def _axis(
         raise ValueError("a column has no name")
     entries = [tuple(t[int(c)] for c, t in zip(row, names, strict=True)) for row in zip(*codes, strict=True)]
     if len(entries) > LARGEST_TABLE:
-        raise ValueError(f"{len(entries)} columns")
+        raise ValueError(f"it has {len(entries)} columns, more than any tracker writes")
     return tuple(str(attributes[f"{at}/{axis}_level{k}"].get("name", "")) for k in range(count)), entries
 
 

@@ -218,10 +218,11 @@ def middle_channel(trials: Sequence[Trial], members: Sequence[str]) -> str:
 
 
 def in_one_order(trials: Sequence[Trial]) -> list[Trial]:
-    """Return recordings of one settled pose each with the base, if a point stays where it is in all files, and with the
-    stations in one order: base first, then by their distance from it in the first pose.
+    """Return recordings, each of one settled pose, with the point that stays where it is in all files as their base;
+    unchanged if none does.
 
-    Files of tables that nobody described may list the stations in different orders.
+    Stations of tables that nobody described come in one order: base first, then by their distance from it in the first
+    pose.
     """
     medians = [np.nanmedian(trial.grouped["position"].values, axis=0) for trial in trials]  # (S, 3) of each
     gaps = np.array([[np.linalg.norm(p - point, axis=1).min() for p in medians] for point in medians[0]])  # (S, files)

@@ -38,8 +38,8 @@ HELD_S = 1.0  # s for which an input keeps its level (median) in an experiment o
 
 @dataclass(frozen=True)
 class TrialOfDraft:
-    """A recording whose kind is asked for, among all recordings of the draft, and the nominal pressure that the user
-    states for recordings without a measured one [Pa].
+    """A recording whose kind of experiment is to be found, with all recordings of the draft study, and the nominal
+    pressure [Pa] that the user states for recordings without a measured one.
     """
 
     trial: Trial

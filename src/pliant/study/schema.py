@@ -340,7 +340,7 @@ def check_chambers(study: Study) -> None:
     jointed = study.actuator.chambers or study.actuator.tendons
     if jointed and (other := [n for n, f in study.fits.items() if f.links]):
         raise InputError(f"fit {other[0]} states links, but {jointed[0].name} acts on numbered joints of [actuator]: "
-                         "state links in [actuator], in a separate study for each number")  # fmt: skip
+                         "state links in [actuator], in a separate study for each number of links")  # fmt: skip
     inputs = [c.name for c in study.actuator.chambers] + [t.name for t in study.actuator.tendons]
     names = inputs or ["chamber"]
     if inputs and (single := study.actuator.single_chamber()):

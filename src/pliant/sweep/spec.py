@@ -87,7 +87,7 @@ class Sweep(BaseModel):
             if self.samples is not None:
                 raise ValueError("a design has as many samples as its grid: leave samples out")
             if unknown := [name for name, r in ranges.items() if r.grid() is None]:
-                raise ValueError(f"a design needs values, or low, high and count, of {unknown[0]}")
+                raise ValueError(f"a design sweep needs, for {unknown[0]}, values, or low, high and count")
         elif self.samples is None:
             raise ValueError(f"a {self.kind} sweep needs samples")
         return self
