@@ -197,6 +197,17 @@ def measurement_of(
         the model, or shows neither the model's stations nor a dense curve (which is not enough for an extensible body),
         or when its base moves as an input.
     """
+    if observed := observed_stations(recording, model, stations):
+        return from_stations(recording, model, noise, observed, inputs)
+    return from_curve(recording, model, noise)
+
+
+def observed_stations(
+    recording: xr.Dataset, model: Model, stations: tuple[str, ...] | None = None,
+) -> tuple[Station, ...]:
+    """Return the model's stations that a recording shows; () for a dense curve. Raise InputError where a recording
+    shows neither, as `measurement_of` does.
+    """
     check_recording(recording)
     if base_moves(recording):
         ESTIMATE.check(model.with_(moving_base=True))
@@ -216,10 +227,8 @@ def measurement_of(
             f"station {missing[0]!r} is not in both recording and model; the model has {', '.join(known)}: "
             "give the station the same name in both, or leave it out"
         )
-    if wanted:
-        return from_stations(recording, model, noise, tuple(known[s] for s in wanted), inputs)
-    if len(names) >= 3 * model.n and not space and "position" in recording:
-        return from_curve(recording, model, noise)
+    if wanted or (len(names) >= 3 * model.n and not space and "position" in recording):
+        return tuple(known[s] for s in wanted)
     raise InputError(
         f"no station of the recording ({', '.join(names[:5])}) is one of the model's ({', '.join(known)}): "
         "name them alike"

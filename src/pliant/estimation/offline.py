@@ -12,7 +12,7 @@ from pliant.compiler.choose import twin
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
 from pliant.estimation.adaptive_observer import without_valves
-from pliant.estimation.measurement import Measurement, flips, measurement_of, row_width
+from pliant.estimation.measurement import Measurement, flips, measurement_of, observed_stations, row_width
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.symbols import (
     FilterFrame,
@@ -118,6 +118,7 @@ def estimate(
         found.disturbance, found.disturbance_sd                    # N m of each joint: external forces, model error
     """
     settings = noise or default_noise(model, disturbance=disturbance, recordings=[recording])
+    observed_stations(recording, model, stations)  # refuses a recording before its inputs are looked for
     source, body = input_of(recording, model, pressure, pressure_window, drive)
     begin = recording["time"].values[:1] - latency
     first = np.array([float(one(begin)[0]) for one in (source if isinstance(source, Sequence) else [source])])
