@@ -83,6 +83,7 @@ def test_inputs_that_are_switched_on_and_stay_on_get_a_warm_up(tmp_path, left_on
     file = table(tmp_path / "waves.csv", {**columns, **body_columns(tip_of(raised))})
     study = drafted(tmp_path, file)
     assert study["recordings"]["waves"].get("warm_up") == (warm_up and pytest.approx(warm_up, abs=0.11))
+    assert study["recordings"]["waves"].get("start") == (warm_up and "pose")
     assert study["actuator"]["links"] == 3
 
 

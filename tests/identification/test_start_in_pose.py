@@ -9,7 +9,6 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.identification import Experiment
-from pliant.identification.from_recording import usual_start
 from pliant.identification.prediction import predict
 from pliant.identification.sensitivity import sensitivities
 from pliant.identification.starts import AtPose, AtRest, start_note
@@ -57,20 +56,6 @@ def test_derivatives_include_those_of_the_pose() -> None:
         ends = [sensitivities(body(False), exp, values | {name: value + side * step}, {}, 2e-3)[0] for side in (1, -1)]
         by_differences = (ends[0] - ends[1]) / (2 * step)
         np.testing.assert_allclose(slope, by_differences, atol=1e-4 * float(np.abs(by_differences).max()))
-
-
-def test_a_warm_up_begins_where_the_body_was_left() -> None:
-    exp, _ = recorded(body(False))
-    assert usual_start(exp) == "pose"
-    assert usual_start(replace(exp, warm_up=0.0)) == "rest"
-    unseen = exp.position.copy()
-    unseen[TIME < 1.1] = np.nan  # the motion has begun when the tracker finds the tip
-    assert usual_start(replace(exp, position=unseen)) == "rest"
-    assert usual_start(replace(exp, own_places=True)) == "rest"
-    assert usual_start(replace(exp, warm_up=0.04)) == "rest", "its pose would rest on frames that are compared"
-    unseen = exp.position.copy()
-    unseen[TIME < 0.5] = np.nan  # an input has changed before
-    assert usual_start(replace(exp, position=unseen)) == "rest"
 
 
 def test_a_pose_of_late_frames_is_refused_and_compared_frames_are_named() -> None:

@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.identification.drives import drives_of, driving, only_input
 from pliant.identification.edges import held_pose
 from pliant.identification.experiment import AngleReference, Excitation, Experiment, FurtherRows
-from pliant.identification.starts import AtPose, AtRest, Moving, begins_in_motion, shows_start
+from pliant.identification.starts import AtPose, AtRest, Moving, begins_in_motion
 from pliant.preprocessing.side import x_sign
 from pliant.recording.inputs import CUTOFF, base_moves
 from pliant.recording.rules import shape_variable
@@ -76,7 +76,7 @@ def experiment(
     start : {"rest", "pose", "moving"}, optional
         Whether the simulation of the recording starts at rest under its first inputs, at rest in the pose of its first
         frames, or with the pose and the rates of these. Default: "moving" if they show a motion, see
-        `starts.begins_in_motion`; else "pose" for positions with a `warm_up`; else "rest".
+        `starts.begins_in_motion`; else "rest".
     warm_up : float
         Time from the first frame on, s, that is simulated but not compared with the model.
 
@@ -121,15 +121,8 @@ def experiment(
         own_places=own_places, poses=bool(poses), input_kinds=kinds, x_sign=x_sign(recording), warm_up=warm_up,
         further=further_of(recording, used), base=base_of(recording),
     )
-    exp = replace(exp, start=STARTS[start or usual_start(exp)])
+    exp = replace(exp, start=STARTS[start or ("moving" if begins_in_motion(exp) else "rest")])
     return replace(exp, held=held_pose(exp)) if held == "measured" else exp
-
-
-def usual_start(exp: Experiment) -> Start:
-    """Return how the simulation of an experiment starts unless it is stated."""
-    if begins_in_motion(exp):
-        return "moving"
-    return "pose" if exp.warm_up and shows_start(exp) else "rest"
 
 
 def one_pose(recording: xr.Dataset) -> xr.Dataset:

@@ -20,7 +20,6 @@ EARLY = 5  # first frames that must move too: a motion that begins later starts 
 LEAST_PATH = 0.01  # of the peak displacement, in the first frames: less is no motion
 LATEST = 1.0  # s after the start, by which the first frames end
 STEADY = 0.5  # speed in the first five frames over that in all first frames, at least
-STANDING = 0.05  # of the range of an input: smaller changes before the first frames of a pose do not move the body
 ABOVE_NOISE = 10.0  # path in the first frames over the noise of a coordinate
 
 
@@ -157,18 +156,6 @@ def begins_in_motion(exp: Any) -> bool:
 def may_move(exp: Any) -> bool:
     """Return whether an experiment can begin in motion: measured inputs and positions, on links that are known."""
     return exp.excitation == "trace" and not (exp.poses or exp.own_places or exp.without_positions)
-
-
-def shows_start(exp: Any) -> bool:
-    """Return whether the warm-up of an experiment shows the pose in which it begins: all stations are seen before its
-    end and before an input changes.
-    """
-    if not may_move(exp):
-        return False
-    seen = last_of_first_frames(exp)
-    early = exp.time <= seen
-    changes = (np.ptp(t(exp.time[early])) > STANDING * np.ptp(t(exp.time)) for t in exp.traces.values())
-    return seen <= exp.time[0] + min(LATEST, exp.warm_up - LEAST_TIME) and not any(changes)
 
 
 def last_of_first_frames(exp: Any) -> float:

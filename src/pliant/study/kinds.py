@@ -15,6 +15,7 @@ from pliant.errors import InputError
 from pliant.identification import experiment
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Excitation
+from pliant.identification.starts import LATEST
 from pliant.recording.inputs import recorded_inputs
 from pliant.study.named_levels import LEVEL, OF_TENDONS, named_tendon
 from pliant.study.toml_text import Lines
@@ -194,6 +195,15 @@ class MeasuredInputs(Kind):
         if (warm_up := switched_on(one.trial)) is not None:
             out.put("warm_up", warm_up, "s: all inputs are switched on in this time, and none goes back to zero; the "
                     "body begins wherever it was left, so that this time is simulated but not compared")
+            if shown_early(one.trial):
+                out.put("start", "pose", "the body begins in the pose of its first frames")
+
+
+def shown_early(trial: Trial) -> bool:
+    """Return whether all stations of a recording are seen early enough to show the pose in which it begins."""
+    recording = trial.grouped
+    seen, time = np.isfinite(recording["position"].values).all(axis=2), recording["time"].values
+    return bool(seen.any(axis=0).all() and time[seen.argmax(axis=0)].max() - time[0] <= LATEST)
 
 
 class WithoutCause(Kind):
