@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
 from pliant.identification.experiment import Experiment
-from pliant.identification.observation import slopes_through
-from pliant.identification.prediction import compared_of, further_rows
+from pliant.identification.prediction import compared_of
 from pliant.identification.result import FitResult
 from pliant.identification.sensitivity import sensitivities
 from pliant.model import Model
@@ -255,19 +253,14 @@ def information_gain(
                for name, rows in like.further.items() if name == like.alone}  # fmt: skip
     exp = Experiment(
         "next", times, position, like.stations, "pulse" if nominal else "trace",
-        None if drives else trace, level=candidate.level, known=like.known, drives=drives,
-        further=further,
+        None if drives else trace, level=candidate.level, known=like.known, drives=drives, further=further,
     )
     edges = {"next.start": BEFORE, "next.stop": float(candidate.pressure.jumps[-1])} if nominal else {}
     records = {e.name for e in experiments}
     values = {**{n: v for n, v in fitted.values.items() if n.partition(".")[0] not in records or n in sizes}, **edges}
     every = {**sizes, **dict.fromkeys(edges, 0.01)}
     rows, slopes = sensitivities(model, exp, values, every, time_step)
-    if further:
-        rows_of = partial(further_rows, name=like.alone, recorded=further[like.alone], planar=like.dimension == 2)
-        compared = slopes_through(rows_of, rows, slopes)[..., : len(like.axes)]
-    else:
-        compared = compared_of(like, slopes)
+    compared = compared_of(like, slopes, rows, further.get(like.alone))
     J = compared.reshape(len(every), -1) * np.array(list(every.values()))[:, None]
     noise = np.sqrt(np.mean([v**2 for v in fitted.rmse.values()]) / like.compared.shape[2])
     assert fitted.covariance is not None

@@ -55,17 +55,21 @@ def predict_body(
     return observed_rows(links_problem, numbers, exp.time.size)[..., : exp.dimension]
 
 
-def compared_of(exp: Experiment, rows: Array, about: Array | None = None) -> Array:
+def compared_of(
+    exp: Experiment, rows: Array, about: Array | None = None, recorded: FurtherRows | None = None,
+) -> Array:
     """Return the predicted values of `Experiment.compared`, from coordinates `rows` (..., T, S or more, 3) of S
     stations in T frames, and of auxiliary points behind them: positions (..., T, S, d) in d dimensions, or, in a
     recording without positions, its angles (..., T, S, 1) or its values of a further variable (..., T, S, d).
 
     With `about` (T, S or more, 3), `rows` are derivatives of these coordinates, and those of the values are returned.
+    `recorded` stands for the recording's own values of the further variable where the frames are others.
     """
     shown = rows[..., : len(exp.stations), :]
     if exp.alone not in exp.further:
         return referenced_angles(exp, shown)[..., None] if exp.alone else shown[..., : exp.dimension]
-    of = partial(further_rows, name=exp.alone, recorded=exp.further[exp.alone], planar=exp.dimension == 2)
+    of = partial(further_rows, name=exp.alone, recorded=recorded or exp.further[exp.alone],
+                 planar=exp.dimension == 2)  # fmt: skip
     values = of(rows) if about is None else slopes_through(of, about, rows)
     return np.asarray(values[..., : len(exp.axes)])
 

@@ -27,6 +27,7 @@ from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_names import (
     CLOCKS,
     COARSE,
+    WORDS,
     base_to_tip,
     parted_clock,
     pressures_named,
@@ -256,7 +257,7 @@ def _check_names(names: list[str], cells: list[str], file: str) -> None:
 
 
 def clock_of(names: Iterable[str]) -> str:
-    """Return the name of the finest clock among columns."""
+    """Return the name of the column by which a table is timed: the first of `CLOCKS` among its columns."""
     listed = {*names}
     return next(name for name in CLOCKS if name in listed)
 
@@ -358,7 +359,7 @@ def pressure_unit(name: str) -> str | None:
     parts = name.split("_")
     if name.lower() in PASCAL:  # a small logger's psi, kPa or mbar
         return name
-    return parts[1] if len(parts) >= 2 and parts[0] == "p" and parts[1].lower() in {*PASCAL} - {"atm"} else None
+    return parts[1] if len(parts) >= 2 and parts[0] == "p" and parts[1].lower() in {*PASCAL} - WORDS else None
 
 
 def pressures_of(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | None]:
