@@ -1,0 +1,192 @@
+"""Store and compare the numbers that pliant computes for random models, to see whether a change of code changed them.
+
+Run `python benchmarks/same_numbers.py store FILE` before the change, and `python benchmarks/same_numbers.py compare
+FILE` after it. Models are drawn with a seed: 1 to 8 links, fixed or lengthening, one or two chambers, hysteresis
+states, gravity. `--demo` adds the numbers of `pliant demo`. A difference is reported relative to the largest entry.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+import pliant
+from pliant.contact.locate import moment_arms
+from pliant.contact.residual import static_residual
+from pliant.model import Extension, Memory, Valve
+from pliant.recording import make_recording
+
+SEED, MODELS, STEP = 20261123, 24, 2.5e-4  # step in s
+Numbers = dict[str, np.ndarray]
+
+
+def random_model(rng: np.random.Generator, k: int) -> pliant.Model:
+    """Return the k-th model: its options cycle, and its numbers are random."""
+    n = 1 + k % 8
+    chambers = [
+        pliant.Chamber(
+            name=f"c{c}", torque=[rng.uniform(3e-7, 9e-7), 2e-12 * (k % 2)], joint_gain=rng.uniform(0.6, 1.2, n),
+            valve=Valve(rise_time=0.03 * (k % 3 > 0), fall_time=0.04 * (k % 3 > 0)),
+            axial_gain=[40.0] if k % 3 == 1 else [0.0],
+        )
+        for c in range(1 + (k % 5 == 4))
+    ]
+    memory = Memory(creep_share=[0.2, 0.1], creep_time=[0.2, 2.0]) if k % 4 == 3 else Memory()
+    extensions = [Extension(stiffness=120.0, damping=0.5)] if k % 3 == 1 else []
+    return pliant.Model(
+        link_length=rng.uniform(0.02, 0.05, n), link_mass=rng.uniform(0.005, 0.02, n),
+        stiffness=rng.uniform(0.8, 2.0, n), damping=rng.uniform(2e-3, 9e-3, n), rest_angle=rng.uniform(-0.1, 0.1, n),
+        stiffening=-0.2 * (k % 2), cubic_stiffening=0.3 * (k % 7 == 2), mass_at=("rod", "tip")[k % 2],
+        tip_mass=0.004 * (k % 3), base_length=0.01 * (k % 2), base_angle=0.05 * (k % 3),
+        gravity=(1.5 * (k % 2), -9.7 * (k % 4 > 0)), chambers=chambers, memory=memory,
+        extensions=extensions, stations=[("a", n - 1, 0.01, 0.003), ("b", 0, 0.02, -0.002), ("base", -1, 0.005, 0.0)],
+    )
+
+
+def of_dataset(data: xr.Dataset) -> Numbers:
+    """Return numeric variables of a dataset."""
+    return {name: np.asarray(v.values, dtype=float) for name, v in data.data_vars.items() if v.dtype.kind in "fiub"}
+
+
+def of_model(model: pliant.Model) -> Numbers:
+    """Return equilibrium, modes, motion, linear model, contact, estimate and exports of one model."""
+    C = len(model.chambers)
+    levels = [40e3 + 15e3 * c for c in range(C)]
+    pressure = np.array(levels) if C > 1 else levels[0]
+    rest = pliant.equilibrium(model, pressure)
+    numbers: Numbers = {"rest": rest, **dict(zip(("frequency", "damping"), pliant.modes(model), strict=True))}
+    inputs = [pliant.Pulse(level=p, start=0.05, width=0.3) for p in levels]
+    motion = pliant.simulate(model, inputs if C > 1 else inputs[0], times=np.arange(121) * 2.5e-3, time_step=STEP)
+    numbers |= {f"motion/{k}": v for k, v in of_dataset(motion).items()}
+    linear = pliant.linearise(model, pressure)
+    numbers |= {"linear/A": linear.A, "linear/B": linear.B, "linear/C": linear.C}
+    stepper = pliant.Stepper(model, STEP)
+    for _ in range(50):
+        stepper.step(pressure)
+    numbers |= {"stepper/angle": stepper.angle.copy(), "stepper/tips": stepper.tips()}
+    x = np.tile(np.append(stepper.angle, stepper.strain), (3, 1))
+    held = np.tile(np.atleast_1d(pressure), (3, 1))
+    numbers["residual"] = static_residual(model, x, held if C > 1 else held[:, 0])
+    last = np.array([model.n - 1])
+    numbers["arms"] = moment_arms(model, x, last, np.array([0.01]))
+    return {**numbers, **estimated(model, motion, C), **exported(model)}
+
+
+def estimated(model: pliant.Model, motion: xr.Dataset, C: int) -> Numbers:
+    """Return states that the filter estimates from the motion of the observed points."""
+    noise = 1e-4 * np.random.default_rng(3).standard_normal(motion.station_position.shape)
+    shown = make_recording(
+        motion.time.values, motion.station_position.values + noise, station=[p.name for p in model.points],
+        frame="planar", pressure_time=motion.time.values, pressure=motion.pressure.values, source="benchmark",
+        **({"chamber": [c.name for c in model.chambers]} if C > 1 else {}),
+    )
+    shown = shown.isel(station=slice(0, 2))
+    try:
+        found = pliant.estimate(shown, model, time_step=STEP)
+    except pliant.PliantError as error:
+        return {f"estimate refused: {error}"[:60]: np.zeros(1)}
+    return {f"estimate/{k}": v for k, v in of_dataset(found).items()}
+
+
+def exported(model: pliant.Model) -> Numbers:
+    """Return the bytes of the text exports."""
+    numbers: Numbers = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for target, ending in (("c99", ".c"), ("mjcf", ".xml"), ("urdf", ".urdf")):
+            try:
+                pliant.export(model, target, Path(folder) / f"{target}{ending}")
+            except (pliant.PliantError, TypeError) as error:
+                numbers[f"export/{target} refused: {str(error)[:40]}"] = np.zeros(1)
+                continue
+            texts = (p for p in Path(folder).rglob("*") if p.is_file() and p.suffix in (".c", ".h", ".xml", ".urdf"))
+            for path in sorted(texts):
+                content = path.read_bytes().replace(folder.encode(), b"")  # stated in the command of the file
+                numbers[f"export/{path.name}"] = np.frombuffer(content, dtype=np.uint8).astype(float)
+    return numbers
+
+
+def of_demo() -> Numbers:
+    """Return metrics of the bundled demo, as in its file."""
+    from typer.testing import CliRunner
+
+    from pliant.cli import app
+
+    with tempfile.TemporaryDirectory() as folder:
+        done = CliRunner().invoke(app, ["demo", "-o", folder, "--quiet"])
+        if done.exit_code:
+            raise SystemExit(done.output)
+        return flat("demo", json.loads((Path(folder) / "metrics.json").read_text(encoding="utf-8")))
+
+
+def flat(name: str, value: object) -> Numbers:
+    """Return numbers of nested lists and dicts by their path."""
+    if isinstance(value, dict):
+        return {k: v for key, part in value.items() for k, v in flat(f"{name}/{key}", part).items()}
+    if isinstance(value, list):
+        return {k: v for i, part in enumerate(value) for k, v in flat(f"{name}/{i}", part).items()}
+    return {name: np.array([float(value)])} if isinstance(value, int | float) else {}
+
+
+def everything(demo: bool) -> Numbers:
+    """Return all numbers by their names."""
+    rng, numbers = np.random.default_rng(SEED), {}
+    for k in range(MODELS):
+        model = random_model(rng, k)
+        numbers |= {f"{k:02d}/{name}": value for name, value in of_model(model).items()}
+    return numbers | (of_demo() if demo else {})
+
+
+def compare(before: Numbers, after: Numbers, allowed: float) -> int:
+    """Print the differences, and return the number of differences beyond `allowed`."""
+    bad, rounded, worst = 0, 0, 0.0
+    for name in sorted(before.keys() | after.keys()):
+        if name not in before or name not in after:
+            print(f"only {'after' if name in after else 'before'}: {name}")
+            bad += 1
+            continue
+        a, b = before[name], after[name]
+        if a.shape != b.shape:
+            print(f"shape {a.shape} -> {b.shape}: {name}")
+            bad += 1
+            continue
+        if np.array_equal(a, b, equal_nan=True):
+            continue
+        size = float(np.nanmax(np.abs(a))) or 1.0
+        off = float(np.nanmax(np.abs(a - b))) / size
+        rounded, worst = rounded + 1, max(worst, off)
+        if not off <= allowed or (np.isnan(a) != np.isnan(b)).any():
+            print(f"differs by {off:.2e}: {name}")
+            bad += 1
+    print(f"{len(before)} arrays, {rounded} of them not equal bit for bit, by at most {worst:.2e}; {bad} bad")
+    return bad
+
+
+def main() -> None:
+    """Store or compare the numbers."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=("store", "compare"))
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--demo", action="store_true")
+    parser.add_argument("--allowed", type=float, default=1e-12)
+    asked = parser.parse_args()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        numbers = everything(asked.demo)
+    if asked.what == "store":
+        np.savez_compressed(asked.file, **{k.replace("/", "|"): v for k, v in numbers.items()})
+        print(f"stored {len(numbers)} arrays")
+    else:
+        with np.load(asked.file) as stored:
+            before = {k.replace("|", "/"): stored[k] for k in stored.files}
+        sys.exit(compare(before, numbers, asked.allowed) > 0)
+
+
+if __name__ == "__main__":
+    main()
