@@ -45,15 +45,18 @@ def prefixes(model: Model) -> tuple[str, ...]:
     return tuple(f"{name}." for name in owners(model)) or ("",)
 
 
-def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[ActuationInput, ...]:
+def changed_chambers(
+    model: Model, values: Mapping[str, float], cache: dict[Any, ActuationInput],
+) -> tuple[ActuationInput, ...]:
     """Return the model's chambers with the parameter `values` applied. ``chamber.name`` overrides ``name``.
 
-    In a model of several chambers, a gain applies only with its chamber's name.
+    In a model of several chambers, a gain applies only with its chamber's name. Chambers are kept in `cache`, and taken
+    from there where the same values were applied before.
     """
     named, changed = owners(model), []
-    shared = values
+    shared = {k: v for k, v in values.items() if "." not in k}
     if model.actuation.count > 1:
-        shared = {k: v for k, v in values.items() if not is_gain(k)}
+        shared = {k: v for k, v in shared.items() if not is_gain(k)}
     for chamber in model.chambers:
         chamber_values = shared
         if named:
@@ -62,8 +65,11 @@ def changed_chambers(model: Model, values: Mapping[str, float]) -> tuple[Actuati
             for name in stated:
                 check_effect(f"{start}{name}", name, [chamber])
             chamber_values = {**shared, **stated}
-        changes = chamber_changes(chamber, chamber_values)
-        changed.append(replace(chamber, **changes) if changes else chamber)
+        key = (chamber.name, *chamber_values.items())
+        if key not in cache:
+            changes = chamber_changes(chamber, chamber_values)
+            cache[key] = replace(chamber, **changes) if changes else chamber
+        changed.append(cache[key])
     return tuple(changed)
 
 

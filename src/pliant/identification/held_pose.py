@@ -87,7 +87,7 @@ def solved_stages(
     SimulationError
         When a stage finds no minimum.
     """
-    problem = HeldPose(chain, positions, DISTANCE * chain.model.length, prior_weights(chain))
+    problem = HeldPose(chain, positions, DISTANCE * chain.model.length, prior_weights(chain), chain.workspace())
     stages, centre = list[Minimum](), np.zeros(chain.size) if centre is None else centre
     for stage in range(STAGES):
         stages.append(problem.minimum(centre, near[stage] if near else Minimum(centre)))
@@ -124,12 +124,15 @@ class HeldPose:
         Deviation of a point that weighs as much as a joint's deviation of 1 / sqrt(weight), m.
     weight : array (N,)
         Weights of the squared joint coordinates.
+    work : workspace of the chain
+        Written over.
     """
 
     chain: Mechanics
     positions: Array
     distance: float
     weight: Array
+    work: Any
 
     def minimum(self, centre: Array, start: Minimum) -> Minimum:
         """Return the minimum about `centre` (N,), searched from `start`.
@@ -178,7 +181,7 @@ class HeldPose:
         """Return positions (S, 2 or 3) [m] of the points, and their derivatives (2 S or 3 S, N) by q (N,) in units of
         `distance`.
         """
-        positions, slopes = self.chain.points_and_slopes(self.chain.coordinates(q))
+        positions, slopes = self.chain.points_and_slopes(self.chain.coordinates(q), self.work)
         return positions, slopes.reshape(-1, q.size) @ self.chain.from_joints / self.distance
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from pliant.equations.symbols import Joints, MemoryLaw
 from pliant.identification.parameters import apply, of_the_model
-from pliant.mechanics import mechanics_of
-from pliant.model import Model, Station
+from pliant.mechanics import Mechanics, mechanics_of
+from pliant.model import ActuationInput, Model, Station
 from pliant.simulation import equilibrium
 from pliant.simulation.chamber_course import row_of
 from pliant.simulation.drive import Drive, Layout
@@ -30,6 +30,7 @@ class ModelAt(NamedTuple):
     rows: dict[bytes, Array]  # cache of `chambers`, by pressure
     resting: dict[bytes, Array]  # cache of `at_rest`, by pressure
     beside: dict[tuple[str, ...], Array]  # cache of `places`, by station names
+    carriers: dict[tuple[str, ...], Mechanics]  # cache of `carrying`, by station names
 
     def torque_before(self, pressure: Array) -> Array:
         """Return the generalised static torques (n + S,) [N m] of n joints and S strains at constant pressures (C,)
@@ -59,6 +60,13 @@ class ModelAt(NamedTuple):
             self.beside[stations] = np.array([self.points[name][2:] for name in stations]).T
         return self.beside[stations]
 
+    def carrying(self, stations: tuple[str, ...]) -> Mechanics:
+        """Return the mechanics of the chain whose only points are these stations."""
+        if stations not in self.carriers:
+            points = tuple(self.points[name] for name in stations)
+            self.carriers[stations] = mechanics_of(self.model.with_(stations=points))
+        return self.carriers[stations]
+
     def at_rest(self, pressure: Array) -> Array:
         """Return the coordinates of the chain in equilibrium under the constant pressures (C,) [Pa] of C chambers:
         absolute link angles [rad] (in space joint angles), then strains.
@@ -80,6 +88,7 @@ class Plans:
         self.models: dict[Any, ModelAt] = {}
         self.drives: dict[Any, Drive] = {}
         self.layouts: dict[Any, Layout] = {}
+        self.chambers: dict[Any, ActuationInput] = {}  # by name and the values of their parameters
         self.slopes: dict[Any, Any] = {}  # derivatives that recordings share, at one set of values: `sensitivity`
         self.poses: dict[Any, Any] = {}  # of a body that is held, see `held_pose.pose_through`
 
@@ -90,16 +99,17 @@ class Plans:
         model_values = of_the_model(values)
         key = (model_values, model.moving_base)
         if key not in self.models:
-            m = apply(model, dict(model_values))
+            m = apply(model, dict(model_values), self.chambers)
             points = {p.name: p for p in m.points}
             chain = mechanics_of(m)
-            self.models[key] = ModelAt(m, chain.body, chain.joints, m.memory.law(), points, {}, {}, {}, {})
+            self.models[key] = ModelAt(m, chain.body, chain.joints, m.memory.law(), points, {}, {}, {}, {}, {})
         return self.models[key]
 
     def forget(self, most: int) -> None:
         """Empty each cache of models, steps and torques that has more than `most` entries."""
         if len(self.models) > most:
             self.models.clear()
+            self.chambers.clear()
         if len(self.drives) > most:
             self.drives.clear()
             self.layouts.clear()  # drives are computed from layouts

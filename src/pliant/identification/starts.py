@@ -71,12 +71,12 @@ class AtPose(AtRest):
         """Return the state in which the chain is nearest to the equilibrium under `inputs` (C,) [SI] and `load`, and
         its S points are and move as the first frames of the experiment show.
         """
-        first, points = self.shown(exp), [model_at.points[name] for name in exp.stations]
+        first, chain = self.shown(exp), model_at.carrying(exp.stations)
         shift = np.array([params.get(f"base_{axis}", 0.0) for axis in "xyz"[: exp.dimension]])
-        chain = mechanics_of(model_at.model.with_(stations=tuple(points)))
         x = super().state(model_at, exp, params, inputs, load, plans).x
         q = pose_through(chain, first.position - shift, plans.poses, chain.joint_coordinates(x))
-        return StartState(chain.coordinates(q), chain.from_joints @ rates_through(chain, q, first.velocity))
+        rate = rates_through(chain, q, first.velocity) if first.velocity.any() else np.zeros(q.size)
+        return StartState(chain.coordinates(q), chain.from_joints @ rate)
 
     def shown(self, exp: Any) -> FirstMotion:
         """Return the positions of the stations of an experiment in the first frames that show them, at rest."""

@@ -264,12 +264,13 @@ class SpatialChain(Mechanics):
         spatial_points.point_slope(point.link, point.along, position, self.body, work, J)
         return from_back(J, 2)
 
-    def points_and_slopes(self, x: Array) -> tuple[Array, Array]:
+    def points_and_slopes(self, x: Array, work: Any = None) -> tuple[Array, Array]:
         points = self.model.points
         positions, slope = np.zeros((len(points), 3)), np.zeros((len(points), 3, self.size))
         offset = np.array([(p.aside, p.across, p.along) for p in points], dtype=float)
         link = np.array([p.link for p in points])
-        twin(spatial_points.place_points)(x, link, offset, self.body, self.workspace(), positions, slope)
+        work = self.workspace() if work is None else work
+        twin(spatial_points.place_points)(x, link, offset, self.body, work, positions, slope)
         return positions, slope
 
     def beside_links(self, x: Array, points: Array, lengths: Any = None) -> Array:  # noqa: ARG002  of the interface
