@@ -290,3 +290,16 @@ def test_torque_laws_have_an_effect_on_chambers_alone() -> None:
     model = chain_model(length=0.2, mass=0.05, links=2, stiffness=0.3, damping=4e-3, space=Space(), chambers=inputs)
     assert [c.name for c in model.chambers if has_effect("torque_1", c)] == ["bellows"]
     assert [c.name for c in model.chambers if has_effect("gain_x", c)] == ["pull", "bellows"]
+
+
+def test_kept_chambers_are_those_of_the_same_values():
+    chambers = tuple(Chamber([1e-6], np.ones(2), name=n) for n in ("left", "right"))
+    body = chain_model(length=0.1, mass=0.02, links=2, stiffness=0.5, damping=1e-3, torque=[1e-6]).with_(
+        chambers=chambers)  # fmt: skip
+    kept: dict = {}
+    first = apply(body, {"stiffness": 0.5, "left.gain": 2.0, "right.gain": 3.0}, kept)
+    other = apply(body, {"stiffness": 0.5, "left.gain": 2.5, "right.gain": 3.0}, kept)
+    assert other.chambers[1] is first.chambers[1]
+    assert [float(c.joint_gain.mean()) for c in other.chambers] == [2.5, 3.0]
+    again = apply(body, {"stiffness": 0.5, "left.gain": 2.0, "right.gain": 3.0})
+    assert again.chambers == first.chambers

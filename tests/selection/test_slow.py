@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from pliant.identification import Experiment, Parameter
-from pliant.model import Chamber, Extension, Model, Station, chain_model
+from pliant.model import Chamber, Extension, Memory, Model, Station, chain_model
 from pliant.selection import select_model, terms_for
 from pliant.selection.slow import time_constant
 from pliant.simulation import Trace, simulate
@@ -87,16 +87,40 @@ def test_settled_shapes_lead_to_the_model_of_a_slow_body_whose_length_changes(rn
 
 
 @pytest.mark.slow
+def test_creep_of_a_wall_is_found_in_bend_and_length_at_once(rng):
+    """The hidden body creeps in both, with the same time; each alone leaves half of the drift."""
+    creeping = Memory(creep_share=(0.6,), creep_time=(9.0,), axial_creep_share=(0.6,), axial_creep_time=(9.0,))
+    train = []
+    for name in ("one", "two", "three"):
+        drives = {"left": commands(rng), "right": commands(rng)}
+        path = simulate(arm(memory=creeping), [*drives.values()], times=TIMES, time_step=0.01)
+        path = path["station_position"].values
+        train.append(Experiment(name, TIMES, path + NOISE * rng.normal(size=path.shape), ("tip",), "trace",
+                                drives=drives))  # fmt: skip
+    given = arm(stations=(), stiffness=1.0)
+    kinds = ["creep", "axial_creep", "wall_creep", "settle"]
+    search = select_model(train, given, common=[Parameter("tip.along", 0.1, free=False)],
+                          terms=terms_for(given, train, only=kinds))  # fmt: skip
+    assert "wall_creep" in search.terms or {"creep", "axial_creep"} <= set(search.terms)
+    assert search.steps[-1].left_out_percent < 0.2 * search.steps[0].left_out_percent
+    assert search.result.values["axial_creep_share_1"] == pytest.approx(0.6, rel=0.25)
+
+
+@pytest.mark.slow
 def test_an_input_that_hardly_moves_rests_on_a_prior(rng):
     small = commands(rng)
     drives = {"left": commands(rng), "right": Trace(small.time, 2e4 + 0.02 * small.pressure)}
     path = simulate(arm(), [*drives.values()], times=TIMES, time_step=0.01)["station_position"].values
     exp = Experiment("one", TIMES, path + NOISE * rng.normal(size=path.shape), ("tip",), "trace", drives=drives)
     common = [Parameter("tip.along", 0.1, free=False)]
-    found = select_model([exp], arm(stations=(), stiffness=1.0), common=common, terms=[])
-    right = next(p for p in found.result.parameters if p.name == "right.gain_y")
-    assert right.prior_std
+    search = select_model([exp], arm(stations=(), stiffness=1.0), common=common, terms=[])
+    right = next(p for p in search.result.parameters if p.name == "right.gain_y")
+    assert right.prior == 0.0
     assert "left" in right.source
+    values = search.result.values
+    axial = next(p for p in search.result.parameters if p.name == "right.axial_gain")
+    assert axial.prior == pytest.approx(values["left.axial_gain"], rel=0.2)  # the only one that is shown
+    assert axial.prior_std == pytest.approx(axial.prior)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter
-from pliant.model import Chamber, Model, Station, chain_model
+from pliant.model import Chamber, Extension, Model, Station, chain_model
 from pliant.model.space import Space
 from pliant.selection import TERMS, Term, terms_for
 from pliant.selection.fitted import FitSetting
@@ -129,3 +129,12 @@ def test_a_release_asks_for_no_term_of_an_input():
     names = {t.name for t in terms_for(model, [Experiment("free", TIMES, swing, ("tip",), "release")])}
     assert "creep" in names
     assert not names & {"lag", "settle", "clock", "torque_2"}
+
+
+def test_creep_of_bend_and_length_stands_for_both():
+    model = body(space=False).with_(extensions=(Extension(900.0, 2.0),))
+    terms = {t.name: t for t in terms_for(model, [seen(model)], only=["creep", "axial_creep", "wall_creep"])}
+    both = terms["wall_creep"]
+    assert both.includes == ("creep", "axial_creep")
+    assert {p.name for p in both.adds} == {p.name for n in both.includes for p in terms[n].adds}
+    assert all(len(set(row.values())) == 1 for row in both.grid)  # one time for both

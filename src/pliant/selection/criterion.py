@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pliant.identification.problem import Problem
@@ -17,16 +19,39 @@ MATERIAL = 0.03  # of the criterion: a smaller gain does not earn a term its pla
 STIFFEST = 1e-10  # relative eigenvalue below which what is left of a block does not move
 
 
-def groups_of(fit: FittedModel) -> Float[Array, " N"]:
-    """Return for each residual the number of the part of the recordings to which it belongs.
+class Parts(NamedTuple):
+    """Parts of N residuals that are left out one after another, and constants in them that have no say.
 
-    The parts are whole recordings if there are at least `RECORDINGS`. Otherwise they are blocks of each recording, at
-    most eight and at least four, as long as three correlation times of the residual where the recording allows.
+    Attributes
+    ----------
+    groups : array (N,)
+        Number of the part of each residual.
+    levels : array (L, N)
+        Unit vectors, each within one part: components of the residuals that do not count.
     """
-    problem = fit.problem
+
+    groups: Array
+    levels: Array
+
+
+def parts_of(fit: FittedModel) -> Parts:
+    """Return the parts of the residuals of a fit.
+
+    They are whole recordings if there are at least `RECORDINGS`. Otherwise they are blocks of each recording, at most
+    eight and at least four, as long as three correlation times of the residual where the recording allows. A recording
+    that begins where the body was left has a mean position of its own, from what happened before: that of a whole one
+    that is left out does not count.
+    """
+    problem, residual = fit.problem, fit.residual
     if len(problem.observed) >= RECORDINGS:
         counts = [o.count for o in problem.observed]
-        return np.repeat(np.arange(len(counts)), counts)
+        levels = [np.zeros((0, residual.size))]
+        for o, end in zip(problem.observed, np.cumsum(counts), strict=True):
+            if not (o.exp.start.from_rest or o.exp.poses):
+                rows = np.zeros((o.levels.shape[0], residual.size))
+                rows[:, end - o.count : end] = o.levels
+                levels.append(rows)
+        return Parts(np.repeat(np.arange(len(counts)), counts), np.concatenate(levels))
     groups, first = [], 0
     for o, part in problem.parted(fit.residual):
         frames = np.unique(o.rows).size
@@ -34,7 +59,7 @@ def groups_of(fit: FittedModel) -> Float[Array, " N"]:
         edges = np.linspace(o.exp.time[0], o.exp.time[-1], blocks + 1)[1:-1]
         groups.append(first + np.searchsorted(edges, o.exp.time[o.rows]))
         first += blocks
-    return np.concatenate(groups)
+    return Parts(np.concatenate(groups), np.zeros((0, residual.size)))
 
 
 def left_out(linear: Linearised, groups: Float[Array, " N"], noise: float) -> Float[Array, " N"]:
@@ -64,14 +89,16 @@ def noise_of(fit: FittedModel) -> float:
     return float(fit.residual @ fit.residual) / effective_numbers(fit.problem, fit.residual)
 
 
-def criterion(problem: Problem, predicted: Float[Array, " N"], groups: Float[Array, " N"]) -> float:
-    """Return the sum of squares of the residuals (N,) of `groups` as predicted by `left_out`, the smaller the better.
+def criterion(problem: Problem, predicted: Float[Array, " N"], parts: Parts) -> float:
+    """Return the sum of squares of the residuals (N,) of `parts` as predicted by `left_out`, the smaller the better.
 
     With whole recordings left out, it is the geometric mean of the recordings' sums: a recording far beyond the others,
     which no model predicts from them, does not outweigh the rest. It has no say as long as a body that stands still
     would predict it better: its sum is then no error that a term lowers, but how far a linear step leads astray.
     """
-    sums = np.bincount(groups, predicted**2)
+    sums = np.bincount(parts.groups, predicted**2)
+    for level in parts.levels:
+        sums[parts.groups[np.argmax(np.abs(level))]] -= float(level @ predicted) ** 2
     if len(problem.observed) < RECORDINGS:
         return float(sums.sum())
     most = np.array([o.motion for o in problem.observed])
@@ -79,9 +106,9 @@ def criterion(problem: Problem, predicted: Float[Array, " N"], groups: Float[Arr
     return float(np.exp(np.mean(np.log(np.maximum(sums, 1e-300)))))
 
 
-def score_of(fit: FittedModel, groups: Float[Array, " N"]) -> float:
-    """Return the criterion of a fit, from the residuals of `groups` (N,) as predicted from the other groups."""
-    return criterion(fit.problem, left_out(fit.linear, groups, noise_of(fit)), groups)
+def score_of(fit: FittedModel, parts: Parts) -> float:
+    """Return the criterion of a fit, from the residuals of each part as predicted from the other parts."""
+    return criterion(fit.problem, left_out(fit.linear, parts.groups, noise_of(fit)), parts)
 
 
 def effective_numbers(problem: Problem, residual: Array) -> float:

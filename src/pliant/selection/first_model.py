@@ -21,7 +21,9 @@ from pliant.selection.fitted import FitSetting, FittedModel, fitted
 Entry = Parameter | str
 HARDLY = 0.2  # of the range of the input that moves most: an input that moves less hardly moves
 BESIDE = 0.1  # of the length: farther from the axis than a marker on a body lies
-ALIKE = (("gain_x", "gain_y"), ("axial_gain",), ("torque_1",))  # parameters of inputs that have one size in a body
+OF_ONE_SIGN = ("axial_gain",)  # pressure lengthens
+ALIKE = (("gain_x", "gain_y"), OF_ONE_SIGN, ("torque_1",))  # parameters of inputs that have one size in a body
+LEAST_SCATTER = 1.0  # of the mean: standard deviation of alike gains, at least
 
 
 def beginning(model: Model, train: Sequence[Experiment], common: Sequence[Entry]) -> list[Entry]:
@@ -77,29 +79,42 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
 
 def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
     """Return a fit in which the gains of inputs that the recordings do not determine rest on a prior: zero, with the
-    size of the largest gain that they determine. Differences between recordings pass for the gain of an input that
-    hardly moves, which therefore counts as not determined, however small its standard error.
+    size of the largest gain that they determine; for axial gains, which have one sign, the mean of the gains that they
+    determine, with the scatter of these. Differences between recordings pass for the gain of an input that hardly
+    moves, which therefore counts as not determined, however small its standard error.
     """
-    priors: dict[str, tuple[float, str]] = {}
+    priors: dict[str, tuple[float, float, str]] = {}
     still = hardly_moving(parent.model, setting.experiments)
     for kind in ALIKE:
-        sizes, doubts = dict[str, float](), dict[str, float]()
+        values, doubts = dict[str, list[float]](), dict[str, float]()
         for p in parent.problem.free:
             owner, _, parameter = p.name.rpartition(".")
             if owner and parameter in kind and not p.prior_std:
                 error = parent.standard_errors[p.name]
-                sizes[owner] = float(np.hypot(sizes.get(owner, 0.0), parent.values[p.name]))
+                values.setdefault(owner, []).append(parent.values[p.name])
                 error = np.inf if error is None or owner in still else error
                 doubts[owner] = float(np.hypot(doubts.get(owner, 0.0), error))
+        sizes = {owner: float(np.linalg.norm(v)) for owner, v in values.items()}
         vague = [owner for owner, size in sizes.items() if doubts[owner] > DETERMINED * size]
-        largest = max((owner for owner in sizes if owner not in vague), key=lambda owner: sizes[owner], default="")
-        if largest:
-            source = f"not determined; a prior of the size that {largest} shows"
-            priors |= {f"{owner}.{parameter}": (sizes[largest], source) for owner in vague for parameter in kind}
+        shown = [owner for owner in sizes if owner not in vague]
+        if not shown:
+            continue
+        if kind == OF_ONE_SIGN:
+            sure = np.array([values[owner] for owner in shown])
+            mean, scatter = float(sure.mean()), max(float(sure.std()), LEAST_SCATTER * abs(float(sure.mean())))
+            prior = mean, scatter, f"not determined; a prior of what {', '.join(shown)} show"
+        else:
+            largest = max(shown, key=lambda owner: sizes[owner])
+            prior = 0.0, sizes[largest], f"not determined; a prior of the size that {largest} shows"
+        priors |= {f"{owner}.{parameter}": prior for owner in vague for parameter in kind}
     if not priors:
         return parent
-    parameters = [replace(p, prior=0.0, prior_std=priors[p.name][0], source=priors[p.name][1])
-                  if p.name in priors else p for p in parent.parameters]  # fmt: skip
+
+    def resting(p: Parameter) -> Parameter:
+        mean, std, source = priors[p.name]
+        return replace(p, prior=mean, prior_std=std, source=source)
+
+    parameters = [resting(p) if p.name in priors else p for p in parent.parameters]
     return fitted(setting, parent.model, parameters, prior_weight=parent.prior_weight)
 
 

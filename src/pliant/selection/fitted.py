@@ -226,7 +226,7 @@ def percent_of(observed: Observations, residual: Array) -> float:
 
 def fitted(
     setting: FitSetting, model: Model, parameters: Sequence[Parameter], *, prior_weight: float | None = None,
-    evaluations: int | None = None,
+    evaluations: int | None = None, tolerance: float = TOLERANCE,
 ) -> FittedModel:
     """Fit the free parameters from their start values, and return the optimum.
 
@@ -238,6 +238,8 @@ def fitted(
         Weight of the priors' residuals; default: that of a first fit.
     evaluations : int, optional
         Highest number of evaluations, if it is below that of the setting; 0: the start values are taken as the optimum.
+    tolerance : float
+        Relative change of the cost at which the fit stops.
 
     Raises
     ------
@@ -252,7 +254,7 @@ def fitted(
     x, converged = problem.start, True
     most = setting.evaluations if evaluations is None else min(evaluations, setting.evaluations)
     if most:
-        end = solve(problem, problem.start, setting.loss, most, tolerance=TOLERANCE)
+        end = solve(problem, problem.start, setting.loss, most, tolerance=tolerance)
         x, converged = end.x, end.status > 0
     residual = problem.data_residual(x)
     if problem.broken:

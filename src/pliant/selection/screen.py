@@ -10,7 +10,7 @@ import numpy as np
 from pliant.errors import PliantError, SimulationError
 from pliant.identification.parameters import Parameter
 from pliant.model import Model
-from pliant.selection.criterion import criterion, left_out, noise_of
+from pliant.selection.criterion import Parts, criterion, left_out, noise_of
 from pliant.selection.fitted import FitSetting, FittedModel, Linearised
 from pliant.selection.terms import Term
 
@@ -46,10 +46,10 @@ class TermRefusal(NamedTuple):
 
 
 def screened(
-    parent: FittedModel, model: Model, terms: Iterable[Term], setting: FitSetting, groups: Array,
+    parent: FittedModel, model: Model, terms: Iterable[Term], setting: FitSetting, parts: Parts,
 ) -> tuple[list[TermProposal], list[TermRefusal]]:
     """Return what each term would lower the cost of `parent` by, the best row of its grid first by the criterion of
-    `groups` (N,), and the terms that cannot be screened. `model` is that of the parent without the values of any term.
+    `parts`, and the terms that cannot be screened. `model` is that of the parent without the values of any term.
 
     The cost is that of the linear problem with the parent's parameters free (Rao's efficient score): the part of the
     residual that the term's derivatives explain beyond those of the parent.
@@ -58,16 +58,16 @@ def screened(
     every, noise = list(terms), noise_of(parent)
     for panel in panels(t for t in every if t.null):
         try:
-            proposals += screened_together(parent, model, panel, setting, groups, noise)
+            proposals += screened_together(parent, model, panel, setting, parts, noise)
         except PliantError:  # find out which one
             for pair in panel:
                 try:
-                    proposals += screened_together(parent, model, [pair], setting, groups, noise)
+                    proposals += screened_together(parent, model, [pair], setting, parts, noise)
                 except PliantError as error:
                     refusals.append(TermRefusal(pair[0], str(error)))
     for term, row in ((t, row) for t in every if not t.null for row in t.grid):
         try:
-            proposals.append(tried_out(parent, model, term, row, setting, groups, noise))
+            proposals.append(tried_out(parent, model, term, row, setting, parts, noise))
         except PliantError as error:
             refusals.append(TermRefusal(term, str(error)))
     return sorted(proposals, key=lambda p: p.score), refusals
@@ -95,13 +95,13 @@ def fit_together(one: Term, other: Term) -> bool:
 
 def screened_together(
     parent: FittedModel, model: Model, panel: Sequence[tuple[Term, Mapping[str, float]]], setting: FitSetting,
-    groups: Array, noise: float,
+    parts: Parts, noise: float,
 ) -> list[TermProposal]:
     """Return the proposals of terms that one model can hold at their null values, from one Jacobian."""
     values = parent.values
     added = [p.with_(shrink=0.0) for term, row in panel for p in term.at_null(row, values)]
     problem = setting.problem(panel[0][0].model(model), [*held_parent(parent, added), *added])
-    few = condensed(parent.linear, problem.data_jacobian(problem.start), groups)
+    few = condensed(parent.linear, problem.data_jacobian(problem.start), parts)
     column = {p.name: k for k, p in enumerate(problem.free)}
     proposals = []
     for term, row in panel:
@@ -113,7 +113,7 @@ def screened_together(
         parameters = {p.name: p for p in term.adds}
         part = min((within(parameters[n], at_null[n], target[n]) for n in at_null), default=1.0)
         reached = {n: at_null[n] + part * (target[n] - at_null[n]) for n in at_null}
-        score = criterion(parent.problem, left_out(linear, few.groups, noise), few.groups)
+        score = criterion(parent.problem, left_out(linear, few.parts.groups, noise), few.parts)
         proposals.append(TermProposal(term, row, linear.cost, score, at_null, reached, part > LEAST_STEP))
     return proposals
 
@@ -126,7 +126,7 @@ def held_parent(parent: FittedModel, added: Iterable[Parameter]) -> list[Paramet
 
 
 def tried_out(
-    parent: FittedModel, model: Model, term: Term, row: Mapping[str, float], setting: FitSetting, groups: Array,
+    parent: FittedModel, model: Model, term: Term, row: Mapping[str, float], setting: FitSetting, parts: Parts,
     noise: float,
 ) -> TermProposal:
     """Return the proposal of a term that has no derivative where it has no effect, from one simulation: its effect at
@@ -137,9 +137,9 @@ def tried_out(
     moved = problem.data_residual(problem.start)
     if problem.broken:
         raise SimulationError(problem.broken)
-    few = condensed(parent.linear, (moved - parent.residual)[:, None], groups)
+    few = condensed(parent.linear, (moved - parent.residual)[:, None], parts)
     linear, (part,) = joined(few.linear, replaced(parent, term), few.columns)
-    score = criterion(parent.problem, left_out(linear, few.groups, noise), few.groups)
+    score = criterion(parent.problem, left_out(linear, few.parts.groups, noise), few.parts)
     return TermProposal(term, row, linear.cost, score, dict(row), dict(row), bool(part > LEAST_PART))
 
 
@@ -148,20 +148,23 @@ class CondensedProblem(NamedTuple):
 
     linear: Linearised
     columns: Array
-    groups: Array  # (M,)
+    parts: Parts  # of the M rows
 
 
-def condensed(linear: Linearised, columns: Array, groups: Array) -> CondensedProblem:
-    """Return the problem and K further columns of derivatives (N, K) with the rows of each group rotated into few.
+def condensed(linear: Linearised, columns: Array, parts: Parts) -> CondensedProblem:
+    """Return the problem and K further columns of derivatives (N, K) with the rows of each part rotated into few.
 
-    A rotation (QR decomposition) changes no sum over the rows of a group of products of two columns, and these are all
+    A rotation (QR decomposition) changes no sum over the rows of a part of products of two columns, and these are all
     that a screen needs.
     """
     whole = np.hstack([linear.jacobian, columns, linear.residual[:, None]])
-    parts = [np.linalg.qr(whole[groups == group], mode="r") for group in np.unique(groups)]
-    rows, free = np.concatenate(parts), linear.jacobian.shape[1]
+    of_part = [parts.groups == group for group in np.unique(parts.groups)]
+    turns, blocks = zip(*(np.linalg.qr(whole[mine]) for mine in of_part), strict=True)
+    rows, free = np.concatenate(blocks), linear.jacobian.shape[1]
+    levels = np.hstack([parts.levels[:, mine] @ turn for mine, turn in zip(of_part, turns, strict=True)])
+    groups = np.repeat(np.unique(parts.groups), [len(block) for block in blocks])
     few = linear._replace(jacobian=rows[:, :free], residual=rows[:, -1])
-    return CondensedProblem(few, rows[:, free:-1], np.repeat(np.unique(groups), [len(part) for part in parts]))
+    return CondensedProblem(few, rows[:, free:-1], Parts(groups, levels))
 
 
 def replaced(parent: FittedModel, term: Term) -> list[int]:

@@ -17,10 +17,10 @@ from pliant.identification.parameters import Parameter
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.options import with_defaults
-from pliant.selection.criterion import MATERIAL, groups_of, left_out, noise_of, score_of
+from pliant.selection.criterion import MATERIAL, left_out, noise_of, parts_of, score_of
 from pliant.selection.determined import at_bounds, cost_without, undetermined
 from pliant.selection.first_model import Entry, determined
-from pliant.selection.fitted import EVALUATIONS, FitSetting, FittedModel, fitted, with_checked_step
+from pliant.selection.fitted import EVALUATIONS, TOLERANCE, FitSetting, FittedModel, fitted, with_checked_step
 from pliant.selection.result import ModelSelection, RivalModel, SelectionStep, TriedTerm
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
@@ -34,6 +34,7 @@ REFITS = 3  # terms that are fitted in each step, those with the best screens
 MOST_REFITS = 6  # of them while none helps: a screen underestimates terms that act nonlinearly, such as friction
 ALMOST = 0.2  # of the criterion: a model within that of the chosen one is a rival
 RIVALS, MOST_OTHERS = 2, 8  # the best of them, and those kept during the search
+ROUGH, ROUGH_EVALUATIONS = 1e-3, 12  # relative change of the cost, and evaluations, at which a trial of a term stops
 SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converged
 MINUTES = 5.0
 RESERVE = 0.15  # of the time: kept for the last fit
@@ -131,6 +132,11 @@ def select_model(
                   list(state.steps)).run()
 
 
+def by_percent(score: float, other: float) -> str:
+    """Return by what the error of left-out parts of a criterion `score` differs from that of another, as text."""
+    return f"{100 * (np.sqrt(score / other) - 1):+.2g} %"
+
+
 def ignore(_line: str) -> None:
     """Ignore a line of progress."""
 
@@ -169,7 +175,7 @@ class Search:
 
     def __post_init__(self) -> None:
         self.allowed = self.deadline - clock.monotonic()
-        self.groups = groups_of(self.best)
+        self.parts = parts_of(self.best)
         self.score = self.scored(self.best)
         if not self.steps:
             self.record("", ", ".join(["stiffness, damping and torque", *(t.title for t in self.chosen)]))
@@ -199,18 +205,26 @@ class Search:
 
     def scored(self, fit: FittedModel) -> float:
         """Return the criterion of the residuals as predicted from other parts of the recordings (see `criterion`)."""
-        return score_of(fit, self.groups)
+        return score_of(fit, self.parts)
 
     def predicted(self, fit: FittedModel) -> Array:
         """Return the residuals (N,) of each part of the recordings as predicted from the other parts."""
-        return left_out(fit.linear, self.groups, noise_of(fit))
+        return left_out(fit.linear, self.parts.groups, noise_of(fit))
 
     def adopt(self, fit: FittedModel) -> None:
-        """Take a fit as the best model, with priors weighted by its residuals as long as these still fall."""
-        self.best = fit
+        """Take a converged fit as the best model. Its priors are weighted by its residuals, unless left-out parts are
+        then predicted worse.
+        """
+        self.best, self.score = fit, self.scored(fit)
         if fit.problem.learns and abs(fit.prior_weight / fit.problem.size - 1.0) > MATERIAL:
-            self.best = fitted(self.setting, fit.model, fit.parameters, prior_weight=fit.prior_weight)
-        self.score = self.scored(self.best)
+            weighted = self.converged(fit, fit.prior_weight)
+            if (score := self.scored(weighted)) < (1 + MATERIAL) * self.score:
+                self.best, self.score = weighted, score
+
+    def converged(self, fit: FittedModel, prior_weight: float) -> FittedModel:
+        """Return a fit continued until it converges, with another weight of its priors."""
+        return fitted(self.setting, fit.model, fit.parameters, prior_weight=prior_weight,
+                      evaluations=self.affordable(EVALUATIONS), tolerance=0.1 * ROUGH)  # fmt: skip
 
     def record(self, name: str, title: str) -> None:
         """Record the model as it is now, after the term `name` joined it or left it."""
@@ -245,7 +259,8 @@ class Search:
 
     def open_terms(self) -> list[Term]:
         """Return the terms that may join the model as it is."""
-        names, groups = {t.name for t in self.chosen}, {t.group for t in self.chosen if t.group}
+        names = {name for t in self.chosen for name in (t.name, *t.includes)}
+        groups = {t.group for t in self.chosen if t.group}
         parameters, free = {p.name for p in self.best.parameters}, set(self.best.free)
         return [
             t for t in self.terms
@@ -259,7 +274,7 @@ class Search:
 
         The rank is the criterion that the screen predicts.
         """
-        proposals, refused = screened(self.best, self.model(), self.open_terms(), self.setting, self.groups)
+        proposals, refused = screened(self.best, self.model(), self.open_terms(), self.setting, self.parts)
         trials = {r.term.name: TriedTerm(r.term.name, r.term.title, reason=f"cannot be screened: {r.reason}")
                   for r in refused}
         best: dict[str, TermProposal] = {}
@@ -290,25 +305,40 @@ class Search:
             trials.append(trial)
             if better is not None:
                 children.append((*better, term))
+        term = next((t for _, fit, t in sorted(children, key=lambda c: c[0]) if self.joins(fit, t, trials)), None)
         self.steps[-1] = replace(self.steps[-1], tried=tuple(trials))
-        if not children:
+        if term is None:
             return OUT_OF_TIME if self.late else NO_BETTER
-        _, best, term = min(children, key=lambda c: c[0])
-        self.chosen.append(term)
-        self.adopt(best)
         self.record(term.name, term.title)
         return ""
+
+    def joins(self, fit: FittedModel, term: Term, trials: list[TriedTerm]) -> bool:
+        """Adopt the fit with one more term, unless left-out parts are predicted no better once it has converged: then
+        the trial says so. Return whether the term joined.
+        """
+        end = self.converged(fit, fit.problem.size)
+        if (score := self.scored(end)) < (1 - MATERIAL) * self.score:
+            self.chosen.append(term)
+            self.adopt(end)
+            return True
+        worse = f"left-out parts are predicted no better once its fit converges (error {by_percent(score, self.score)})"
+        k = next(k for k, trial in enumerate(trials) if trial.name == term.name)
+        trials[k] = trials[k]._replace(cost=end.cost, left_out=score, reason=worse)
+        return False
 
     def affordable(self, most: int) -> int:
         """Return how many evaluations a fit may take: at most `most`, and no more than the time left allows."""
         left = self.deadline - clock.monotonic()
         return most if self.pace == 0.0 else int(np.clip(left / self.pace, FEWEST_EVALUATIONS, most))
 
-    def refitted(self, model: Model, parameters: Sequence[Parameter]) -> FittedModel:
-        """Return the fit of a model from its start values, with as many evaluations as the time left allows."""
+    def refitted(self, model: Model, parameters: Sequence[Parameter], *, roughly: bool = False) -> FittedModel:
+        """Return the fit of a model from its start values, with as many evaluations as the time left allows; `roughly`,
+        with as many as a comparison needs.
+        """
         began = clock.monotonic()
+        most, tolerance = (ROUGH_EVALUATIONS, ROUGH) if roughly else (EVALUATIONS, TOLERANCE)
         end = fitted(self.setting, model, parameters, prior_weight=self.best.problem.size,
-                     evaluations=self.affordable(EVALUATIONS))  # fmt: skip
+                     evaluations=self.affordable(most), tolerance=tolerance)  # fmt: skip
         self.pace = (clock.monotonic() - began) / max(end.problem.evaluations, 1)
         return end
 
@@ -321,9 +351,10 @@ class Search:
         others, model = [p for p in self.best.parameters if p.name not in gone], self.model(term)
         starts = [[*others, *term.begun(proposal.row, values)] for values in proposal.starts()]
         try:
-            best = self.refitted(model, self.setting.cheapest(model, starts, self.best.problem.size))
+            start = self.setting.cheapest(model, starts, self.best.problem.size)
+            best = self.refitted(model, start, roughly=True)
             if best.cost > (1 + SAME) * self.best.cost:
-                again = self.refitted(model, starts[-1])
+                again = self.refitted(model, starts[-1], roughly=True)
                 best = min(best, again, key=lambda end: end.cost)
         except PliantError as error:
             return None, trial._replace(reason=str(error))
@@ -334,7 +365,7 @@ class Search:
             return None, trial._replace(reason="its fit has not converged: the cost is above that without the term")
         if ends := at_bounds(best, term):
             return None, trial._replace(reason=f"its fit ends at a bound: {', '.join(ends)}")
-        by = f"{100 * (np.sqrt(score / self.score) - 1):+.2g} %"
+        by = by_percent(score, self.score)
         if score > (1 - MATERIAL) * self.score:
             return None, trial._replace(reason=f"left-out parts are predicted no better (error {by})")
         return (score, best), trial._replace(reason=f"left-out parts are predicted better (error {by})")
@@ -344,7 +375,7 @@ class Search:
         a term was dropped.
         """
         needed = {t.needs for t in self.chosen} | {t.name for t in self.chosen[-1:]}
-        smaller = [s for t in self.chosen if t.name not in needed and not t.extension and not t.replaces
+        smaller = [s for t in self.chosen if not needed & {t.name, *t.includes} and not t.extension and not t.replaces
                    and not self.late and (s := self.without(t)) is not None]  # fmt: skip
         if not smaller:
             return False

@@ -24,7 +24,7 @@ from pliant.identification.parameters import Parameter, apply, each_joint, share
 from pliant.identification.starts import AtRest
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.selection.criterion import MATERIAL, groups_of, score_of
+from pliant.selection.criterion import MATERIAL, parts_of, score_of
 from pliant.selection.first_model import Entry, beginning, with_alike, with_places
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.terms import Term
@@ -142,7 +142,7 @@ class SlowBody:
         if lengthening is not None:
             stiffness = float(apply(best.model, best.values).stiffness.mean())
             longer = self.begun(lengthening.model(model), common, stiffness, time_step)
-            if score_of(longer, groups_of(longer)) < (1.0 - MATERIAL) * score_of(best, groups_of(best)):
+            if score_of(longer, parts_of(longer)) < (1.0 - MATERIAL) * score_of(best, parts_of(best)):
                 best, chosen = longer, [lengthening]
         fit = self.of_motion(best, common, time_step)
         return replace(self.setting, time_step=fit.problem.time_step), fit, chosen

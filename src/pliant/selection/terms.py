@@ -35,6 +35,7 @@ TERMS = {  # the names of all terms, and what they add
     "imbalance": "pretensions that differ within a pair of tendons",
     "taper": "tendons that converge",
     "axial_creep": "creep of the length",
+    "wall_creep": "creep of bend and length",
     "torque_2": "curvature of the torque law",
     "torque_3": "odd cubic torque law",
     "swell": "a late part of the torque",
@@ -70,6 +71,8 @@ class Term(NamedTuple):
         Alternatives have the same group: a model has one of them at most.
     needs : str
         Name of a term without which this one has no meaning.
+    includes : tuple of str
+        Names of terms that this one has within it.
     limits : tuple of str
         Parameters whose upper bound stands for all higher values, which the recordings do not tell from it.
     extension : Extension or None
@@ -84,6 +87,7 @@ class Term(NamedTuple):
     replaces: tuple[str, ...] = ()
     group: str = ""
     needs: str = ""
+    includes: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
     extension: Extension | None = None
 
@@ -202,8 +206,11 @@ def relaxation(model: Model, longer: Sequence[Term], span: float) -> Iterator[Te
         yield term("entry_friction", "", [Parameter("entry_friction", 0.05)], {"entry_friction": NO_FORCE})
         yield from paths_of_tendons(model)
     if mechanics_of(model).lengthens or longer:
-        yield creep("axial_creep", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0), span,
-                    needs=next((t.name for t in longer), ""))  # fmt: skip
+        needs = next((t.name for t in longer), "")
+        yield creep("axial_creep", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0), span, needs=needs)
+        both = (creep("wall_creep", f"{axis}creep_share_1", f"{axis}creep_time_1", (0.7, 5.0, 20.0), span)
+                for axis in ("", "axial_"))
+        yield together("wall_creep", *both)._replace(needs=needs, includes=("creep", "axial_creep"))
 
 
 def paths_of_tendons(model: Model) -> Iterator[Term]:
@@ -214,6 +221,15 @@ def paths_of_tendons(model: Model) -> Iterator[Term]:
         yield term("imbalance", "", [Parameter(name, value) for name, value in now.items()], now)
     if not any(c.value_of("taper") for _, c in cords):
         yield term("taper", "", [Parameter("taper", 0.0)], {"taper": 0.0})
+
+
+def together(name: str, one: Term, other: Term) -> Term:
+    """Return one term of two that have the same cause, such as creep of a wall that bends and lengthens: each alone may
+    predict no better. Their grids, of equal length, are run through side by side.
+    """
+    rows = ({**a, **b} for a, b in zip(one.grid, other.grid, strict=True))
+    return term(name, "", (*one.adds, *other.adds), {**one.null, **other.null}, grid=tuple(rows),
+                limits=(*one.limits, *other.limits))
 
 
 def creep(
