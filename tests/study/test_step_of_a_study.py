@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -42,3 +43,12 @@ def test_a_record_whose_motion_needs_a_shorter_step_is_named(swing, step, warned
     if warned:
         assert lines[0].startswith("warning: fit first: the simulated tip of record swing may be wrong by")
         assert "the step of 5 ms is too long for its motion; set time_step =" in lines[0]
+
+
+@pytest.mark.parametrize("warm_up", [0.0, 0.9])
+def test_a_step_that_is_too_long_in_the_warm_up_alone_is_not_named(swing, warm_up):
+    damped, lines = BODY.with_(damping=2e-4), []
+    result = SimpleNamespace(model=damped, values={})
+    record = outcome_of(dataclasses.replace(swing, warm_up=warm_up), "train", result, {}, 5e-3)
+    warn_of_step(record, result, {}, 5e-3, Failures("first", lines.append))
+    assert len(lines) == (not warm_up)

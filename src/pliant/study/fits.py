@@ -199,15 +199,18 @@ def records_of(
 def warn_of_step(
     record: RecordOutcome, result: FitResult, values: Mapping[str, float], time_step: float, failures: Failures,
 ) -> None:
-    """Warn if the time step [s] may change the tip position of a recording by more than 1 % of the body's length."""
+    """Warn if the time step [s] may change the tip position of a recording by more than 1 % of the body's length, after
+    its warm-up.
+    """
     model, exp = result.model, record.experiment
     if exp.poses:  # equilibria, computed without time steps
         return
 
     def tips(h: float) -> Array:
-        return predict_body(model, exp, values, h)[:, -1] / model.length
+        return predict_body(model, exp, values, h)[compared, -1] / model.length
 
-    tips_used = tips(time_step) if record.body is None else record.body[:, -1] / model.length
+    compared = ~exp.warming
+    tips_used = tips(time_step) if record.body is None else record.body[compared, -1] / model.length
     error = tip_error(lambda factor: (tips_used, tips(factor * time_step)))
     if error > LIMIT and failures.warn is not None:
         size = f"by {1e3 * error * model.length:.3g} mm" if np.isfinite(error) else "by an unknown amount"
