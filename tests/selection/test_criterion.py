@@ -25,7 +25,6 @@ from pliant.selection.fitted import FittedModel, percent_of
 from pliant.selection.screen import condensed, joined, within
 from pliant.selection.search import at_bounds
 from pliant.selection.terms import Term, creep
-from pliant.simulation import Trace
 
 SMALL = 1e-4  # size of the parameters in units of their typical size, so that the weak prior does not count
 
@@ -95,9 +94,7 @@ def test_a_screen_keeps_the_priors_of_the_parent(rng):
 
 def test_rows_rotated_into_few_give_the_same_screen(rng):
     fit = linear(rng)[0]
-    more, levels = rng.normal(size=(60, 2)), np.zeros((1, 60))
-    levels[0, 25:35] = np.sqrt(0.1)
-    parts = Parts(np.repeat(np.arange(3), 20), levels)
+    more, parts = rng.normal(size=(60, 2)), Parts(np.repeat(np.arange(3), 20), whole=False)
     few = condensed(fit.linear, more, parts)
     assert few.parts.groups.size == 3 * 7
     whole, moves = joined(fit.linear, (), more)
@@ -105,10 +102,8 @@ def test_rows_rotated_into_few_give_the_same_screen(rng):
     np.testing.assert_allclose(same, moves, rtol=1e-9)
     assert small.cost == pytest.approx(whole.cost, rel=1e-10)
     noise, problem = noise_of(fit), SimpleNamespace(observed=[1])
-    predicted = left_out(whole, parts.groups, noise)
-    score = criterion(problem, predicted, parts)
+    score = criterion(problem, left_out(whole, parts.groups, noise), parts)
     assert criterion(problem, left_out(small, few.parts.groups, noise), few.parts) == pytest.approx(score, rel=1e-9)
-    assert score == pytest.approx(np.sum(predicted**2) - 0.1 * predicted[25:35].sum() ** 2)
 
 
 def test_a_term_that_ends_at_a_bound_is_named():
@@ -133,24 +128,20 @@ def test_a_time_as_long_as_the_recordings_stands_for_longer_ones():
     assert not short.limits
 
 
-def whole_parts(groups: np.ndarray) -> Parts:
-    return Parts(groups, np.zeros((0, groups.size)))
-
-
 def test_a_recording_beyond_the_others_does_not_outweigh_them():
     moves = SimpleNamespace(motion=np.inf)
-    problem, parts = SimpleNamespace(observed=[moves] * 4), whole_parts(np.repeat(np.arange(4), 5))
+    problem, parts = SimpleNamespace(observed=[moves] * 4), Parts(np.repeat(np.arange(4), 5), whole=True)
     errors = np.repeat([1.0, 1.0, 1.0, 1000.0], 5)
     better = np.repeat([0.5, 0.5, 0.5, 1100.0], 5)
     assert criterion(problem, better, parts) < 0.5 * criterion(problem, errors, parts)
-    few = SimpleNamespace(observed=[moves] * 2)
-    assert criterion(few, better, parts) > criterion(few, errors, parts)
+    blocks = parts._replace(whole=False)
+    assert criterion(problem, better, blocks) > criterion(problem, errors, blocks)
 
 
 def test_a_recording_that_no_model_predicts_has_no_say():
     """Of errors above its motion it does not matter how far above; below, it counts as every other recording."""
     problem = SimpleNamespace(observed=[SimpleNamespace(motion=500.0)] * 4)  # 10 in each of five residuals
-    parts = whole_parts(np.repeat(np.arange(4), 5))
+    parts = Parts(np.repeat(np.arange(4), 5), whole=True)
     far = np.repeat([1.0, 1.0, 1.0, 100.0], 5)
     nearer, worse = np.repeat([1.0, 1.0, 1.0, 20.0], 5), np.repeat([1.1, 1.1, 1.0, 20.0], 5)
     assert criterion(problem, nearer, parts) == criterion(problem, far, parts)
@@ -197,8 +188,8 @@ def test_few_recordings_are_left_out_by_blocks_and_several_whole(rng, recordings
     slow = np.repeat(np.sin(np.arange(80) / 5.0), 2)
     residual = np.tile(slow, recordings) + 0.01 * rng.normal(size=160 * recordings)
     problem = SimpleNamespace(observed=parts, parted=lambda r: list(zip(parts, np.split(r, recordings), strict=True)))
-    groups, levels = parts_of(FittedModel(problem, np.zeros(0), residual, np.zeros((residual.size, 0))))
-    assert levels.shape == (0, residual.size)
+    groups, whole = parts_of(FittedModel(problem, np.zeros(0), residual, np.zeros((residual.size, 0))))
+    assert whole == (recordings >= RECORDINGS)
     each = groups.reshape(recordings, 160)
     if recordings >= RECORDINGS:
         assert (each == np.arange(recordings)[:, None]).all()
@@ -209,23 +200,17 @@ def test_few_recordings_are_left_out_by_blocks_and_several_whole(rng, recordings
     assert np.unique(groups).size == sum(np.unique(row).size for row in each)
 
 
-def test_the_mean_position_of_a_recording_that_starts_where_the_body_was_left_has_no_say(rng):
-    time = np.arange(40) / 10
-    trace = Trace(time, 1e4 * np.sin(time))
-    rows = [Experiment(f"r{k}", time, rng.normal(size=(40, 1, 3)), ("tip",), "trace", trace, start=start)
-            for k, start in enumerate([AtPose(), AtRest(), AtPose(), AtRest()])]  # fmt: skip
-    observed = [Observations(e, "travel") for e in rows]
-    residual = rng.normal(size=4 * 120)
-    problem = SimpleNamespace(observed=observed)
-    parts = parts_of(FittedModel(problem, np.zeros(0), residual, np.zeros((residual.size, 0))))
-    assert parts.levels.shape == (2 * 3, residual.size)
-    np.testing.assert_allclose(parts.levels @ parts.levels.T, np.eye(6), atol=1e-12)
-    problem = SimpleNamespace(observed=[SimpleNamespace(motion=np.inf)] * 4)
-    for k, same in enumerate([True, False, True, False]):
-        moved = residual.copy()
-        weight = observed[k].flat_weight
-        moved[120 * k : 120 * (k + 1)] += 0.3 * weight * (observed[k].channel == 1)  # a constant error along y
-        assert (criterion(problem, moved, parts) == pytest.approx(criterion(problem, residual, parts))) is same
+@pytest.mark.parametrize("starts", [[AtRest()] * 4, [AtRest()] * 3 + [AtPose()]])
+def test_recordings_whose_level_comes_from_before_are_left_out_by_blocks(rng, starts):
+    observed_parts = [observed(f"r{k}", 80) for k in range(4)]
+    for part, start in zip(observed_parts, starts, strict=True):
+        part.exp.start = start
+    residual = rng.normal(size=640)
+    problem = SimpleNamespace(observed=observed_parts,
+                              parted=lambda r: list(zip(observed_parts, np.split(r, 4), strict=True)))  # fmt: skip
+    parts = parts_of(FittedModel(problem, np.zeros(0), residual, np.zeros((640, 0))))
+    assert parts.whole == (starts[-1].from_rest is True)
+    assert (np.unique(parts.groups).size == 4) == parts.whole
 
 
 def test_percent_of_is_the_distance_in_parts_of_the_peak():

@@ -120,16 +120,6 @@ class Observations:
         return mine & ((self.channel == 2) == (self.exp.alone == "angle")) if self.planar and not first else mine
 
     @property
-    def levels(self) -> Array:
-        """Return the unit vectors (L, N) of the weighted residuals of L constant errors: of each coordinate of each
-        station.
-        """
-        kinds, own = np.unique(np.stack([self.station, self.channel]), axis=1, return_inverse=True)
-        rows = np.where(own.ravel() == np.arange(kinds.shape[1])[:, None], self.flat_weight, 0.0)
-        rows = rows[rows.any(axis=1)]
-        return np.asarray(rows / np.linalg.norm(rows, axis=1)[:, None])
-
-    @property
     def motion(self) -> float:
         """Return the sum of squared residuals of a body that stands still in the mean of its observed positions and
         angles; inf where a recording shows no motion above its noise, or settled poses, or values of further kinds.

@@ -20,38 +20,32 @@ STIFFEST = 1e-10  # relative eigenvalue below which what is left of a block does
 
 
 class Parts(NamedTuple):
-    """Parts of N residuals that are left out one after another, and constants in them that have no say.
+    """Parts of N residuals that are left out one after another.
 
     Attributes
     ----------
     groups : array (N,)
         Number of the part of each residual.
-    levels : array (L, N)
-        Unit vectors, each within one part: components of the residuals that do not count.
+    whole : bool
+        Whether each part is a whole recording.
     """
 
     groups: Array
-    levels: Array
+    whole: bool
 
 
 def parts_of(fit: FittedModel) -> Parts:
     """Return the parts of the residuals of a fit.
 
-    They are whole recordings if there are at least `RECORDINGS`. Otherwise they are blocks of each recording, at most
-    eight and at least four, as long as three correlation times of the residual where the recording allows. A recording
-    that begins where the body was left has a mean position of its own, from what happened before: that of a whole one
-    that is left out does not count.
+    They are whole recordings if there are at least `RECORDINGS`, unless one begins where the body was left: its level
+    comes from what happened before, and no other recording shows that. Otherwise they are blocks of each recording, at
+    most eight and at least four, as long as three correlation times of the residual where the recording allows.
     """
-    problem, residual = fit.problem, fit.residual
-    if len(problem.observed) >= RECORDINGS:
+    problem = fit.problem
+    alike = all(o.exp.start.from_rest or o.exp.poses for o in problem.observed)
+    if len(problem.observed) >= RECORDINGS and alike:
         counts = [o.count for o in problem.observed]
-        levels = [np.zeros((0, residual.size))]
-        for o, end in zip(problem.observed, np.cumsum(counts), strict=True):
-            if not (o.exp.start.from_rest or o.exp.poses):
-                rows = np.zeros((o.levels.shape[0], residual.size))
-                rows[:, end - o.count : end] = o.levels
-                levels.append(rows)
-        return Parts(np.repeat(np.arange(len(counts)), counts), np.concatenate(levels))
+        return Parts(np.repeat(np.arange(len(counts)), counts), whole=True)
     groups, first = [], 0
     for o, part in problem.parted(fit.residual):
         frames = np.unique(o.rows).size
@@ -59,7 +53,7 @@ def parts_of(fit: FittedModel) -> Parts:
         edges = np.linspace(o.exp.time[0], o.exp.time[-1], blocks + 1)[1:-1]
         groups.append(first + np.searchsorted(edges, o.exp.time[o.rows]))
         first += blocks
-    return Parts(np.concatenate(groups), np.zeros((0, residual.size)))
+    return Parts(np.concatenate(groups), whole=False)
 
 
 def left_out(linear: Linearised, groups: Float[Array, " N"], noise: float) -> Float[Array, " N"]:
@@ -97,9 +91,7 @@ def criterion(problem: Problem, predicted: Float[Array, " N"], parts: Parts) -> 
     would predict it better: its sum is then no error that a term lowers, but how far a linear step leads astray.
     """
     sums = np.bincount(parts.groups, predicted**2)
-    for level in parts.levels:
-        sums[parts.groups[np.argmax(np.abs(level))]] -= float(level @ predicted) ** 2
-    if len(problem.observed) < RECORDINGS:
+    if not parts.whole:
         return float(sums.sum())
     most = np.array([o.motion for o in problem.observed])
     sums = np.minimum(sums, most) if (sums < most).any() else sums

@@ -158,13 +158,11 @@ def condensed(linear: Linearised, columns: Array, parts: Parts) -> CondensedProb
     that a screen needs.
     """
     whole = np.hstack([linear.jacobian, columns, linear.residual[:, None]])
-    of_part = [parts.groups == group for group in np.unique(parts.groups)]
-    turns, blocks = zip(*(np.linalg.qr(whole[mine]) for mine in of_part), strict=True)
+    blocks = [np.linalg.qr(whole[parts.groups == group], mode="r") for group in np.unique(parts.groups)]
     rows, free = np.concatenate(blocks), linear.jacobian.shape[1]
-    levels = np.hstack([parts.levels[:, mine] @ turn for mine, turn in zip(of_part, turns, strict=True)])
     groups = np.repeat(np.unique(parts.groups), [len(block) for block in blocks])
     few = linear._replace(jacobian=rows[:, :free], residual=rows[:, -1])
-    return CondensedProblem(few, rows[:, free:-1], Parts(groups, levels))
+    return CondensedProblem(few, rows[:, free:-1], parts._replace(groups=groups))
 
 
 def replaced(parent: FittedModel, term: Term) -> list[int]:
