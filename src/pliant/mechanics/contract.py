@@ -331,13 +331,9 @@ class Mechanics(ABC):
     def position_jacobian(self, x: Float[Array, " N"], point: Station) -> Float[Array, "d N"]:
         """Return the derivatives (2 or 3, N) [m/rad] of a point's position by the N coordinates, at x (N,)."""
 
-    def points_and_slopes(
-        self, x: Float[Array, " N"], work: Any = None,  # noqa: ARG002  of chains in space
-    ) -> tuple[Float[Array, "S d"], Float[Array, "S d N"]]:
-        """Return positions (S, d) [m] and Jacobians (S, d, N) of the model's S points at the coordinates x (N,), in d =
-        2 or 3 dimensions.
-
-        `work` may be a `workspace` of the caller's, which is written over.
+    def points_and_slopes(self, x: Float[Array, " N"], work: Any = None) -> tuple[Array, Array]:  # noqa: ARG002
+        """Return positions (S, d) [m] and Jacobians (S, d, N) of the model's S points at the coordinates x (N,). A
+        `workspace` of the caller's, `work`, is written over.
         """
         slopes = [self.position_jacobian(x, point) for point in self.model.points]
         return self.stations(x)[0], np.stack(slopes)

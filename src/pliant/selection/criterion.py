@@ -103,6 +103,11 @@ def score_of(fit: FittedModel, parts: Parts) -> float:
     return criterion(fit.problem, left_out(fit.linear, parts.groups, noise_of(fit)), parts)
 
 
+def by_percent(score: float, other: float) -> str:
+    """Return by what the error of left-out parts of a criterion `score` differs from that of another, as text."""
+    return f"{100 * (np.sqrt(score / other) - 1):+.2g} %"
+
+
 def effective_numbers(problem: Problem, residual: Array) -> float:
     """Return the effective number of independent residuals, of correlated ones (N,)."""
     return float(sum(part.size / correlated_frames(o, part) for o, part in problem.parted(residual)))

@@ -12,6 +12,7 @@ import numpy as np
 
 from pliant.errors import FitError
 from pliant.identification.experiment import Experiment
+from pliant.identification.fit import finished
 from pliant.identification.fit_step import fit_step
 from pliant.identification.initial_guess import prepare
 from pliant.identification.optimise import solve
@@ -20,12 +21,14 @@ from pliant.identification.problem import Problem
 from pliant.identification.residuals import Observations
 from pliant.identification.uncertainty import covariance
 from pliant.model import Model
+from pliant.selection.result import RivalModel
 from pliant.shapes import Float
 from pliant.simulation.solve import longest_allowed_step
 
 Array = np.ndarray
 TOLERANCE = 1e-5  # relative change of the cost at which a fit of the search stops: far below what decides
 EVALUATIONS = 40
+ALMOST, RIVALS = 0.2, 2  # of the criterion: a model within that of the chosen one is a rival; the best of them
 STEPS = (0.05, 0.02, 0.01, 0.005, 0.002)  # s, time steps that are tried
 STEP_ERROR = 0.05  # % of the peak displacement: what halving the time step may change
 
@@ -260,3 +263,20 @@ def fitted(
     if problem.broken:
         raise FitError(problem.broken)
     return FittedModel(problem, x, residual, problem.data_jacobian(x), converged)
+
+
+def rivals_among(
+    others: Sequence[tuple[float, str, FittedModel]], score: float, chosen: FittedModel, loss: str,
+) -> tuple[RivalModel, ...]:
+    """Return the best of other models, each with its criterion and its difference in words, if their criterion is
+    within `ALMOST` of the `score` of the chosen model and their free parameters differ.
+    """
+    near = [c for c in others if c[0] < (1 + ALMOST) * score and set(c[2].free) != set(chosen.free)]
+    best: dict[str, FittedModel] = {}
+    for _, title, other in sorted(near, key=lambda c: c[0]):
+        best.setdefault(title, other)
+    rivals = []
+    for title, other in list(best.items())[:RIVALS]:
+        end = solve(other.problem, other.x, loss, 1)
+        rivals.append(RivalModel(title, finished(other.problem, end, loss, None, 0.0, "")))
+    return tuple(rivals)

@@ -17,11 +17,19 @@ from pliant.identification.parameters import Parameter
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.options import with_defaults
-from pliant.selection.criterion import MATERIAL, left_out, noise_of, parts_of, score_of
+from pliant.selection.criterion import MATERIAL, by_percent, left_out, noise_of, parts_of, score_of
 from pliant.selection.determined import at_bounds, cost_without, undetermined
 from pliant.selection.first_model import Entry, determined
-from pliant.selection.fitted import EVALUATIONS, TOLERANCE, FitSetting, FittedModel, fitted, with_checked_step
-from pliant.selection.result import ModelSelection, RivalModel, SelectionStep, TriedTerm
+from pliant.selection.fitted import (
+    EVALUATIONS,
+    TOLERANCE,
+    FitSetting,
+    FittedModel,
+    fitted,
+    rivals_among,
+    with_checked_step,
+)
+from pliant.selection.result import ModelSelection, SelectionStep, TriedTerm
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
 from pliant.selection.start import first_model
@@ -32,8 +40,7 @@ Notify = Callable[[str], None]
 MUCH = 0.1  # of the criterion: a smaller gain does not keep a term that is not determined
 REFITS = 3  # terms that are fitted in each step, those with the best screens
 MOST_REFITS = 6  # of them while none helps: a screen underestimates terms that act nonlinearly, such as friction
-ALMOST = 0.2  # of the criterion: a model within that of the chosen one is a rival
-RIVALS, MOST_OTHERS = 2, 8  # the best of them, and those kept during the search
+MOST_OTHERS = 8  # models that are kept during the search, of which some are rivals in the end
 ROUGH, ROUGH_EVALUATIONS = 1e-3, 12  # relative change of the cost, and evaluations, at which a trial of a term stops
 SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converged
 MINUTES = 5.0
@@ -111,7 +118,7 @@ def select_model(
     """
     how = with_defaults(select_model, options, SEARCH_OPTIONS)
     check_options(how)
-    began, notify = clock.monotonic(), progress or ignore
+    began, notify = clock.monotonic(), progress or (lambda _line: None)
     deadline = began + 60 * how["minutes"]
     file, state = how["file"], None if how["file"] is None else how["file"].load()
     terms = terms_for(model, train) if how["terms"] is None else how["terms"]
@@ -130,15 +137,6 @@ def select_model(
     start = model.with_(stations=best.model.stations)
     return Search(setting, start, best, terms, began - state.seconds, deadline, notify, file, chosen,
                   list(state.steps)).run()
-
-
-def by_percent(score: float, other: float) -> str:
-    """Return by what the error of left-out parts of a criterion `score` differs from that of another, as text."""
-    return f"{100 * (np.sqrt(score / other) - 1):+.2g} %"
-
-
-def ignore(_line: str) -> None:
-    """Ignore a line of progress."""
 
 
 def check_options(how: SearchOptions) -> None:
@@ -194,7 +192,7 @@ class Search:
         result = self.final_fit()
         names = tuple(term.name for term in self.chosen)
         return ModelSelection(tuple(self.steps), names, self.reason(stop), result, clock.monotonic() - self.began,
-                              stop == NO_BETTER, self.rivals())
+                              stop == NO_BETTER, rivals_among(self.others, self.score, self.best, self.setting.loss))
 
     def model(self, *more: Term) -> Model:
         """Return the given model with the segments that the chosen terms and `more` need."""
@@ -305,11 +303,12 @@ class Search:
             trials.append(trial)
             if better is not None:
                 children.append((*better, term))
-        term = next((t for _, fit, t in sorted(children, key=lambda c: c[0]) if self.joins(fit, t, trials)), None)
+        best_first = sorted(children, key=lambda c: c[0])
+        joined = next((t for _, fit, t in best_first if self.joins(fit, t, trials)), None)
         self.steps[-1] = replace(self.steps[-1], tried=tuple(trials))
-        if term is None:
+        if joined is None:
             return OUT_OF_TIME if self.late else NO_BETTER
-        self.record(term.name, term.title)
+        self.record(joined.name, joined.title)
         return ""
 
     def joins(self, fit: FittedModel, term: Term, trials: list[TriedTerm]) -> bool:
@@ -439,18 +438,6 @@ class Search:
         late = best.status == 0 and evaluations < LAST_EVALUATIONS
         failure = "stopped at the time limit before it converged: raise minutes" if late else ""
         return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began, failure)
-
-    def rivals(self) -> tuple[RivalModel, ...]:
-        """Return the best models with other terms, if their criterion is within `ALMOST` of the chosen model's."""
-        others = [c for c in self.others if c[0] < (1 + ALMOST) * self.score and set(c[2].free) != set(self.best.free)]
-        best: dict[str, FittedModel] = {}
-        for _, title, other in sorted(others, key=lambda c: c[0]):
-            best.setdefault(title, other)
-        rivals = []
-        for title, other in list(best.items())[:RIVALS]:
-            end = solve(other.problem, other.x, self.setting.loss, 1)
-            rivals.append(RivalModel(title, finished(other.problem, end, self.setting.loss, None, 0.0, "")))
-        return tuple(rivals)
 
     def reason(self, stop: str) -> str:
         """Return a sentence on the model that was chosen and why the search ended."""
