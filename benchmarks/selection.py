@@ -74,8 +74,12 @@ def show(name: str, outcome: StudyOutcome, began: float) -> None:
 
 
 def spatial(file: str | Path = SPATIAL, *names: str) -> None:
-    """Choose the model of the fabric arm without each recording, and print its error there beside the plain map's."""
+    """Choose the model of the fabric arm without each recording, and print its error there beside the plain map's. The
+    recordings start in a pose, as `pliant new` drafts them.
+    """
     study = load_study(file)
+    posed = {name: entry.model_copy(update={"start": "pose"}) for name, entry in study.recordings.items()}
+    study = study.model_copy(update={"recordings": posed})
     assert study.model_selection is not None
     for held_out in names or tuple(study.recordings):
         began, train = time.monotonic(), [name for name in study.recordings if name != held_out]

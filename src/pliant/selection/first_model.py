@@ -23,6 +23,7 @@ HARDLY = 0.2  # of the range of the input that moves most: an input that moves l
 BESIDE = 0.1  # of the length: farther from the axis than a marker on a body lies
 OF_ONE_SIGN = ("axial_gain",)  # pressure lengthens
 ALIKE = (("gain_x", "gain_y"), OF_ONE_SIGN, ("torque_1",))  # parameters of inputs that have one size in a body
+LEAST_MOVED = 0.05  # of that: an input that moves less still has a prior
 LEAST_SCATTER = 1.0  # of the mean: standard deviation of alike gains, at least
 
 
@@ -81,7 +82,8 @@ def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
     """Return a fit in which the gains of inputs that the recordings do not determine rest on a prior: zero, with the
     size of the largest gain that they determine; for axial gains, which have one sign, the mean of the gains that they
     determine, with the scatter of these. Differences between recordings pass for the gain of an input that hardly
-    moves, which therefore counts as not determined, however small its standard error.
+    moves, which therefore counts as not determined, however small its standard error; the less it moves, the closer the
+    prior.
     """
     priors: dict[str, tuple[float, float, str]] = {}
     still = hardly_moving(parent.model, setting.experiments)
@@ -106,7 +108,9 @@ def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
         else:
             largest = max(shown, key=lambda owner: sizes[owner])
             prior = 0.0, sizes[largest], f"not determined; a prior of the size that {largest} shows"
-        priors |= {f"{owner}.{parameter}": prior for owner in vague for parameter in kind}
+        mean, scatter, source = prior
+        priors |= {f"{owner}.{parameter}": (mean, still.get(owner, 1.0) * scatter, source)
+                   for owner in vague for parameter in kind}  # fmt: skip
     if not priors:
         return parent
 
@@ -118,15 +122,16 @@ def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
     return fitted(setting, parent.model, parameters, prior_weight=parent.prior_weight)
 
 
-def hardly_moving(model: Model, train: Sequence[Experiment]) -> set[str]:
-    """Return the names of inputs that move by less than a fifth of the range of the input of their kind that moves
-    most, in the frames of all recordings that are compared.
+def hardly_moving(model: Model, train: Sequence[Experiment]) -> dict[str, float]:
+    """Return the inputs that move by less than a fifth of the range of the input of their kind that moves most, in the
+    frames of all recordings that are compared, each with its range over that fifth.
     """
     compared = np.concatenate([np.isfinite(e.compared).any(axis=(1, 2)) for e in train])
     ranges = np.ptp(pressures_at(model, train)[compared], axis=0)
     kinds = np.array(model.actuation.kinds)
-    return {name for name, kind, moved in zip(model.actuation.names, kinds, ranges, strict=True)
-            if moved < HARDLY * ranges[kinds == kind].max()}  # fmt: skip
+    return {name: float(max(moved / (HARDLY * most), LEAST_MOVED))
+            for name, kind, moved in zip(model.actuation.names, kinds, ranges, strict=True)
+            if moved < HARDLY * (most := ranges[kinds == kind].max())}  # fmt: skip
 
 
 def with_places(parent: FittedModel, setting: FitSetting) -> FittedModel:
