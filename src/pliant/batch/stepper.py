@@ -11,7 +11,7 @@ import numpy as np
 from pliant.batch import simd_loops, space_loops
 from pliant.batch.samples import ALIKE, check_alike
 from pliant.batch.simd_loops import Commanded, Lane
-from pliant.batch.space_lanes import fits_lanes, scratch_of
+from pliant.batch.space_lanes import scratch_of
 from pliant.compiler.choose import lane_twin
 from pliant.compiler.simd import aligned
 from pliant.compiler.width import WIDTH
@@ -75,11 +75,9 @@ def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> Batch
         raise InputError("the models of a batch must have equally many chambers: simulate others in a separate batch")
     for model in models[1:]:
         check_step(model, time_step, "midpoint")
-    if all(not m.memory and m.space is None and not m.extensions for m in models):
-        return OnLanes(models, size, time_step)
-    if all(map(fits_lanes, models)) and len({mechanics_of(m).sizes for m in models}) == 1:
-        return OnSpaceLanes(models, size, time_step)
-    return OneByOne(models, size, time_step)
+    kinds = {(mechanics_of(m).simd, mechanics_of(m).sizes) for m in models}
+    simd = kinds.pop()[0] if len(kinds) == 1 else ""
+    return STEPPERS[simd](models, size, time_step)
 
 
 def check_commands(pressure: Array, shape: tuple[int, int]) -> None:
@@ -272,3 +270,8 @@ class OneByOne:
             except SimulationError:
                 failed[i] = True
         return failed
+
+
+STEPPERS: dict[str, Callable[[Sequence[Model], int, float], BatchStepper]] = {
+    "plane": OnLanes, "space": OnSpaceLanes, "": OneByOne,
+}  # by `Mechanics.simd`

@@ -16,7 +16,6 @@ from pliant.equations import chamber
 from pliant.equations.memory import memory_angle
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
-from pliant.estimation.adaptive_observer_loops import rest_shift
 from pliant.estimation.contract import EstimatorKind, Setting, State
 from pliant.estimation.measurement import IN_METRES, check_frame, flips
 from pliant.estimation.noise import Noise, default_noise
@@ -139,7 +138,6 @@ class KalmanFilter:
         self._workspaces: dict[int, FilterWorkspace] = {}
         sizes = mechanics_of(model).sizes
         self._predict, self._update = twin(kalman_loops.predict_span, *sizes), twin(kalman_loops.update, *sizes)
-        self._rest_shift = twin(rest_shift)
         q, size, n = state.equilibrium(model, pressure), model.size, model.size - len(model.extensions)
         self.time, self.pressure = float(time), model.actuation.pressures(pressure)
         self._actuation, self._torques = model.actuation.kernel(), twin(chamber.held_torques)
@@ -202,13 +200,7 @@ class KalmanFilter:
         model, K, n = self.model, self._chain.joints.K, self.angle.size
         angle, rate, disturbance = self.angle.copy(), self.rate.copy(), self.disturbance.copy()
         memory, shift, strain_shift = model.memory, disturbance / K[:n], self._own.disturbance[n:] / K[n:]
-        if model.space is None:
-            self._rest_shift(
-                angle, shift.copy(), self.memory, float(model.base_angle), model.rest_angle, memory.law(),
-                memory.instantaneous, shift,
-            )
-        else:
-            shift = self._remembered(memory, 0, angle, shift)
+        shift = self._remembered(memory, 0, mechanics_of(model).joint_coordinates(self._own.angle)[:n], shift)
         return State(
             self.time, angle, rate, shift, disturbance, self.covariance.copy(), fault=self.fault,
             strain=self.strain.copy(), strain_rate=self.strain_rate.copy(),
@@ -222,7 +214,7 @@ class KalmanFilter:
         if not memory:
             return shift
         left, law = memory.instantaneous, memory.law()
-        r = np.array([memory_angle(first + i, q[i], self.memory, law) for i in range(q.size)])
+        r = memory_angle(slice(first, first + q.size), q, self.memory, law)
         return np.asarray((shift + left * q - r) / (1.0 + left))
 
     def advance(self, time: float) -> None:
@@ -306,4 +298,4 @@ def make(setting: Setting) -> KalmanFilter:
     return KalmanFilter(setting.model, time=-math.inf)
 
 
-ESTIMATOR = EstimatorKind("filter", make, predicts=True)
+ESTIMATOR = EstimatorKind("filter", make, predicts=True, consumer=FILTER)
