@@ -18,7 +18,7 @@ from pliant.compiler.width import WIDTH
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.features import Consumer
+from pliant.model.features import FIRST_ORDER, VALVES, Consumer
 from pliant.simulation import Stepper, state
 from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.solve import check_step
@@ -27,7 +27,9 @@ from pliant.simulation.stepper import STEPPER
 Array = np.ndarray
 
 
-BATCH_STEPPER = Consumer("a batch that is simulated step by step", STEPPER.can, remedy=STEPPER.remedy)
+BATCH_STEPPER = Consumer(
+    "a batch that is simulated step by step", STEPPER.can, remedy={k: STEPPER.remedy[k] for k in VALVES - FIRST_ORDER},
+)
 SHAPE: dict[str, Callable[[Model], Any]] = {
     "the number of their coordinates": attrgetter("size"), "the space they move in": lambda m: m.space is None,
 }
