@@ -20,7 +20,7 @@ from pliant.estimation import kalman_loops
 from pliant.estimation.contract import EstimatorKind, Setting, State
 from pliant.estimation.measurement import IN_METRES, check_frame, flips
 from pliant.estimation.noise import Noise, default_noise
-from pliant.estimation.offline import chain_of, frame_of
+from pliant.estimation.offline import chain_of, frame_of, with_gravity
 from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
@@ -239,28 +239,33 @@ class KalmanFilter:
         if not span > 1e-12 or math.isinf(span):
             return
         count = math.ceil(span / self.time_step * (1 - 1e-9))
+        moves = self._moves(count, span / count)
         self._torques(span, self.pressure, self._actuation, self._slow, self._tau)
         if self._base is None:
             prediction = Prediction(count, span / count, self._tau, self._densities)
             failed = self._predict(self._own, self._chain, prediction, self._arrays(1))
         else:
-            failed = self._carried(self._base, count, span / count)
+            failed = self._carried(self._base, moves, span / count)
         if failed < 0:
             raise SimulationError(
                 f"the prediction to {time:.6g} s fails: the step {span / count:.3g} s is too long; use a shorter step"
             )
         self.time = float(time)
 
-    def _carried(self, base: BaseSteps, count: int, h: float) -> int:
-        """Predict over `count` steps of h [s] on the moving base. Return -1 if a step failed, else 0.
-
-        The acceleration of the base acts as gravity does, so that each step has a gravity of its own.
+    def _moves(self, count: int, h: float) -> list[tuple[Array, Any]]:
+        """Return the motion of the base in each of `count` steps of h [s], and the constants of a body on which the
+        acceleration of the base acts as gravity does; [] for a base at rest.
         """
-        rows, fields = base_fields(base.chain, base.motion, self.time + h * np.arange(count + 1))
+        if self._base is None:
+            return []
+        rows, fields = base_fields(self._base.chain, self._base.motion, self.time + h * np.arange(count + 1))
+        return [(row, with_gravity(self._chain, pull)) for row, pull in zip(rows, fields, strict=True)]
+
+    def _carried(self, base: BaseSteps, moves: list[tuple[Array, Any]], h: float) -> int:
+        """Predict over steps of h [s] on the moving base. Return -1 if a step failed, else 0."""
         prediction, arrays = Prediction(1, h, self._tau, self._densities), self._arrays(1)
-        for row, pull in zip(rows, fields.tolist(), strict=True):
-            body = self._chain.body._replace(**dict(zip(("gx", "gy", "gz"), pull, strict=False)))
-            predict = partial(self._predict, self._own, self._chain._replace(body=body), prediction, arrays)
+        for row, chain in moves:
+            predict = partial(self._predict, self._own, chain, prediction, arrays)
             if base.made(predict, row, self._own.angle, self._own.rate) < 0:
                 return -1
         return 0

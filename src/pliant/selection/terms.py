@@ -177,7 +177,7 @@ def springs(model: Model) -> Iterator[Term]:
         ratio = model.stiffness / model.stiffness.mean()
         yield term("joints", "", [Parameter(n, shrink=0.3) for n in names],
                    {n: float(r) for n, r in zip(names, ratio, strict=True)}, replaces=("stiffness",))
-    yield from FAMILIES[type(mechanics_of(model))].springs(model)
+    yield from TERMS_OF_CHAINS[type(mechanics_of(model))].springs(model)
 
 
 def spatial_springs(model: Model) -> Iterator[Term]:
@@ -188,7 +188,7 @@ def spatial_springs(model: Model) -> Iterator[Term]:
     yield term("rest", "", [Parameter(n, v, prior=v, prior_std=REST) for n, v in turns.items()], turns)
 
 
-class Family(NamedTuple):
+class ChainTerms(NamedTuple):
     """What a kind of chain adds to the terms.
 
     Attributes
@@ -203,8 +203,8 @@ class Family(NamedTuple):
     grown: float
 
 
-FAMILIES: dict[type[Mechanics], Family] = {
-    PlanarChain: Family(lambda _: iter(()), GROWN), SpatialChain: Family(spatial_springs, -np.inf),
+TERMS_OF_CHAINS: dict[type[Mechanics], ChainTerms] = {
+    PlanarChain: ChainTerms(lambda _: iter(()), GROWN), SpatialChain: ChainTerms(spatial_springs, -np.inf),
 }
 
 
@@ -320,7 +320,7 @@ def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Ter
              if c.uses("axial_gain")]  # fmt: skip
     apart = max([grown(e) for e in experiments if not e.without_positions and len(e.stations) > 1], default=0.0)
     chain = mechanics_of(model)
-    if chain.lengthens or not gains or not apart > FAMILIES[type(chain)].grown:
+    if chain.lengthens or not gains or not apart > TERMS_OF_CHAINS[type(chain)].grown:
         return
     yield term("lengthening", "", [*(Parameter(n, 0.0) for n in gains), held("axial_stiffness", 1000.0),
                                    held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),
