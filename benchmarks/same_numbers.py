@@ -2,7 +2,8 @@
 
 Run `python benchmarks/same_numbers.py store FILE` before the change, and `python benchmarks/same_numbers.py compare
 FILE` after it. Models are drawn with a seed: 1 to 8 links, fixed or lengthening, one or two chambers, hysteresis
-states, gravity. `--demo` adds the numbers of `pliant demo`. A difference is reported relative to the largest entry.
+states, gravity, and 1 to 3 links in space with twists, segments and tendons. `--demo` adds the numbers of `pliant
+demo`. A difference is reported relative to the largest entry.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ import xarray as xr
 import pliant
 from pliant.contact.locate import moment_arms
 from pliant.contact.residual import static_residual
-from pliant.model import Extension, Memory, Valve
+from pliant.model import Extension, Memory, Tendon, Valve
 from pliant.recording import make_recording
 
-SEED, MODELS, STEP = 20261123, 24, 2.5e-4  # step in s
+SEED, MODELS, IN_SPACE, STEP = 20261123, 24, 8, 2.5e-4  # step in s
 Numbers = dict[str, np.ndarray]
 
 
@@ -50,6 +51,29 @@ def random_model(rng: np.random.Generator, k: int) -> pliant.Model:
     )
 
 
+def random_body(rng: np.random.Generator, k: int) -> pliant.Model:
+    """Return the k-th model of a chain in space: its options cycle, and its numbers are random."""
+    n = 1 + k % 3
+    space = {"stiffness_ratio": rng.uniform(0.7, 1.4), "rest_turn": rng.uniform(-0.2, 0.2, (n, 3)),
+             "base_tilt": rng.uniform(-0.3, 0.3, 3), "radius": 0.008, "twist_ratio": 0.7 * (k % 2)}  # fmt: skip
+    chambers = [
+        pliant.Chamber(name=f"c{c}", torque=[rng.uniform(3e-7, 9e-7)], joint_gain=rng.uniform(0.6, 1.2, n),
+                       cross_gain=rng.uniform(-0.5, 0.5, n), axial_gain=[40.0 * (k % 4 == 1)])
+        for c in range(1 + k % 2)
+    ]  # fmt: skip
+    if k % 4 == 2:
+        chambers = [Tendon(name="cable", lever=0.01, joint_gain=1.0, cross_gain=0.4)]
+    hysteresis = {"creep_share": [0.2], "creep_time": [0.3], "slip_share": [0.1], "slip_angle": [0.02]}
+    memory = Memory(**hysteresis if k % 4 == 3 else {})
+    return pliant.Model(
+        link_length=rng.uniform(0.02, 0.05, n), link_mass=rng.uniform(0.005, 0.02, n),
+        stiffness=rng.uniform(0.8, 2.0, n), damping=rng.uniform(2e-3, 9e-3, n), tip_mass=0.004 * (k % 3),
+        gravity=(1.5 * (k % 2), 0.4, -9.7), chambers=chambers, memory=memory, space=space,
+        extensions=[Extension(stiffness=120.0, damping=0.5)] if k % 4 == 1 else [],
+        stations=[("a", n - 1, 0.01, 0.003, 0.002), ("b", 0, 0.02, -0.002, 0.0), ("base", -1, 0.005, 0.0, 0.0)],
+    )
+
+
 def of_dataset(data: xr.Dataset) -> Numbers:
     """Return numeric variables of a dataset."""
     return {name: np.asarray(v.values, dtype=float) for name, v in data.data_vars.items() if v.dtype.kind in "fiub"}
@@ -58,7 +82,7 @@ def of_dataset(data: xr.Dataset) -> Numbers:
 def of_model(model: pliant.Model) -> Numbers:
     """Return equilibrium, modes, motion, linear model, contact, estimate and exports of one model."""
     C = len(model.chambers)
-    levels = [40e3 + 15e3 * c for c in range(C)]
+    levels = [(40e3 + 15e3 * c) * (1e-4 if model.actuation.tendons else 1.0) for c in range(C)]  # Pa or N
     pressure = np.array(levels) if C > 1 else levels[0]
     rest = pliant.equilibrium(model, pressure)
     numbers: Numbers = {"rest": rest, **dict(zip(("frequency", "damping"), pliant.modes(model), strict=True))}
@@ -82,9 +106,12 @@ def of_model(model: pliant.Model) -> Numbers:
 def estimated(model: pliant.Model, motion: xr.Dataset, C: int) -> Numbers:
     """Return states that the filter estimates from the motion of the observed points."""
     noise = 1e-4 * np.random.default_rng(3).standard_normal(motion.station_position.shape)
+    if model.actuation.tendons:
+        return {}
     shown = make_recording(
         motion.time.values, motion.station_position.values + noise, station=[p.name for p in model.points],
-        frame="planar", pressure_time=motion.time.values, pressure=motion.pressure.values, source="benchmark",
+        frame="planar" if model.space is None else "spatial",
+        pressure_time=motion.time.values, pressure=motion.pressure.values, source="benchmark",
         **({"chamber": [c.name for c in model.chambers]} if C > 1 else {}),
     )
     shown = shown.isel(station=slice(0, 2))
@@ -99,13 +126,14 @@ def exported(model: pliant.Model) -> Numbers:
     """Return the bytes of the text exports."""
     numbers: Numbers = {}
     with tempfile.TemporaryDirectory() as folder:
-        for target, ending in (("c99", ".c"), ("mjcf", ".xml"), ("urdf", ".urdf")):
+        for target, ending in (("c99", ".c"), ("jax", ".py"), ("mjcf", ".xml"), ("urdf", ".urdf")):
             try:
                 pliant.export(model, target, Path(folder) / f"{target}{ending}")
             except (pliant.PliantError, TypeError) as error:
                 numbers[f"export/{target} refused: {str(error)[:40]}"] = np.zeros(1)
                 continue
-            texts = (p for p in Path(folder).rglob("*") if p.is_file() and p.suffix in (".c", ".h", ".xml", ".urdf"))
+            endings = (".c", ".h", ".py", ".xml", ".urdf")
+            texts = (p for p in Path(folder).rglob("*") if p.is_file() and p.suffix in endings)
             for path in sorted(texts):
                 content = path.read_bytes().replace(folder.encode(), b"")  # stated in the command of the file
                 numbers[f"export/{path.name}"] = np.frombuffer(content, dtype=np.uint8).astype(float)
@@ -140,6 +168,8 @@ def everything(demo: bool) -> Numbers:
     for k in range(MODELS):
         model = random_model(rng, k)
         numbers |= {f"{k:02d}/{name}": value for name, value in of_model(model).items()}
+    for k in range(IN_SPACE):
+        numbers |= {f"space {k:02d}/{name}": value for name, value in of_model(random_body(rng, k)).items()}
     return numbers | (of_demo() if demo else {})
 
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.model import Model, Space, chain_model, save_model
+from pliant.recording import make_recording, write
 from pliant.simulation import BaseMotion, Pulse, read_base, simulate
 
 Array = np.ndarray
@@ -144,3 +145,50 @@ def test_an_angle_in_a_plane_is_refused_for_a_body_in_space(tmp_path: Path) -> N
     path.write_text("t_s,x_m,y_m,angle_deg\n" + "".join(f"{k},0.1,0.2,{k}\n" for k in range(5)), encoding="utf-8")
     with pytest.raises(InputError, match="an angle in a plane"):
         read_base(path, 3)
+
+
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_the_command_estimates_on_a_base_that_moves(tmp_path: Path, dimension: int) -> None:
+    """The recording is in the axes of the moved base; without its motion the filter misses the joint rates."""
+    model, times = arm(dimension), np.arange(0.0, 0.5, 0.005)
+    model = model.with_(stations=model.points)
+    save_model(model, tmp_path / "model.json")
+    run = simulate(model, Pulse(0.0), times=times, time_step=5e-4, base=stated(dimension))
+    noise = 1e-5 * np.random.default_rng(1).standard_normal(run["station_position"].shape)
+    recording = make_recording(
+        times, run["station_position"].values + noise, station=[p.name for p in model.points],
+        frame="planar" if dimension == 2 else "spatial", pressure_time=times, pressure=0.0 * times, source="test",
+    )
+    write(recording, tmp_path / "a.nc")
+    off = []
+    for k, more in enumerate(([], ["--base", poses(tmp_path, dimension)])):
+        states = tmp_path / f"states_{k}.nc"
+        done = invoke("estimate", tmp_path / "a.nc", "--model", tmp_path / "model.json", "--no-disturbance", *more,
+                      "-o", states)  # fmt: skip
+        assert done.exit_code == 0, done.output
+        with xr.open_dataset(states) as estimated:
+            rates = [name for name in run if str(name).startswith("joint_rate")]
+            off.append(max(float(np.abs(estimated[f"smooth_{n}"] - run[n])[10:-10].max()) for n in rates))
+            assert np.isfinite(estimated["smooth_joint_angle" if dimension == 2 else "smooth_joint_angle_x"]).all()
+    largest = max(float(np.abs(run[n]).max()) for n in rates)
+    assert off[1] < 0.03 * largest
+    assert off[0] > 3.0 * off[1]
+
+
+def test_an_estimate_with_an_unusable_motion_of_the_base_is_refused(tmp_path: Path) -> None:
+    model, times = arm(2), np.arange(0.0, 0.5, 0.05)
+    save_model(model, tmp_path / "model.json")
+    still = np.broadcast_to([0.0, model.length], (times.size, 1, 2))
+    recording = make_recording(times, still, station=["link_2"], frame="planar", pressure_time=times,
+                               pressure=0.0 * times, source="test")  # fmt: skip
+    write(recording, tmp_path / "a.nc")
+    short = csv(tmp_path / "short.csv", "t_s,x_m,y_m", *np.zeros((3, 9)) + np.linspace(0.0, 0.2, 9))
+    for more, said in (
+        (["--base-cutoff-hz", "20"], "give it by --base"),
+        (["--base", short], "the motion of the base is known from 0 to 0.2 s, but is needed from"),
+    ):
+        done = invoke("estimate", tmp_path / "a.nc", "--model", tmp_path / "model.json", *more,
+                      "-o", tmp_path / "states.nc")  # fmt: skip
+        assert done.exit_code != 0
+        assert said in str(done.exception)
+        assert not (tmp_path / "states.nc").exists()

@@ -11,9 +11,10 @@ from pliant.errors import InputError
 from pliant.estimation import adaptive_observer, kalman_loops
 from pliant.estimation.adaptive_observer import AdaptiveObserver
 from pliant.estimation.contract import Frame
-from pliant.estimation.link_angles import LinkTips, with_rest_angles, with_rest_shape
+from pliant.estimation.link_angles import LinkTips, with_rest_shape
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.symbols import FilterNoise, FilterState
+from pliant.mechanics import mechanics_of
 from pliant.model import Extension, Memory, Model
 
 SIZES = {"link_length": [0.1, 0.2], "link_mass": [0.02, 0.03], "stiffness": [1.0, 3.0], "damping": 0.01}
@@ -185,7 +186,7 @@ def test_rest_angles_bring_the_links_to_their_tips():
     angle = 0.3 + np.cumsum(turn)
     steps = 0.1 * np.stack([-np.sin(angle), np.cos(angle)], axis=1)
     tips = 0.05 * np.array([-np.sin(0.3), np.cos(0.3)]) + np.cumsum(steps, axis=0)
-    np.testing.assert_allclose(with_rest_angles(model, loose, tips).rest_angle, turn - loose, atol=1e-12)
+    np.testing.assert_allclose(mechanics_of(model).with_rest_shape(loose, tips).rest_angle, turn - loose, atol=1e-12)
 
 
 def test_a_rest_takes_five_whole_frames_and_their_scatter():

@@ -8,8 +8,8 @@ import pytest
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, kalman, offline
 from pliant.estimation.differences import Differences
-from pliant.estimation.link_angles import with_rest_angles
 from pliant.estimation.measurement import check_frame, flips, rows_of
+from pliant.mechanics import mechanics_of
 from pliant.model import Extension, Station, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Pulse
@@ -114,5 +114,5 @@ def test_the_first_joint_moves_with_a_base_that_lengthens():
         aside = 0.05 * (1 + strain) * along + 0.01 * np.array([along[1], -along[0]])
         lean = np.arctan2(0.01, 0.1)  # the first link leads aside by 10 mm over 100
         tips = np.stack([aside + s * along for s in (0.1, 0.2, 0.3)])
-        found = with_rest_angles(body, np.array([0.0, 0.0, 0.0, strain, 0.4]), tips).rest_angle
+        found = mechanics_of(body).with_rest_shape(np.array([0.0, 0.0, 0.0, strain, 0.4]), tips).rest_angle
         np.testing.assert_allclose(found, [-lean, lean, 0.0], atol=1e-12)

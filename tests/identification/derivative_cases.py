@@ -203,8 +203,6 @@ def excitations_of(model: str) -> list[str]:
 def case(model: str, excitation: str, field: str, what: str) -> Experiment | None:
     """The experiment with one option chosen; None where an Experiment refuses it, or has nothing to apply it to."""
     plain = experiment_of(MODELS[model], excitation)
-    if MODELS[model].extensions and field == "held":  # refused: `test_a_held_pose_of_a_body_that_lengthens_is_refused`
-        return None
     if (field == "drives" and not plain.drives) or (field == "pressure" and excitation != "trace"):
         return None
     try:

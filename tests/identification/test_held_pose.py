@@ -16,7 +16,7 @@ from pliant.identification import Experiment, held_pose
 from pliant.identification.forward_model import held_note
 from pliant.identification.held_pose import BENDS, DISTANCE, STAGES, beyond_reach, chain_of, pose_through, solved_pose
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Space, Station, chain_model
+from pliant.model import Extension, Model, Space, Station, chain_model
 
 pytestmark = pytest.mark.slow  # kernels of their own are compiled first
 
@@ -49,6 +49,7 @@ def offsets(q: Array, model: Model, stations: list[Station], positions: Array) -
         marks=pytest.mark.slow,
     ),
     body(False, links=3, stiffness=[0.1, 0.2, 0.05]),
+    body(False, links=3, stiffness=[0.1, 0.2, 0.05]).with_(extensions=[Extension(stiffness=9.0, damping=0.1)]),
 ])  # fmt: skip
 def test_each_stage_is_the_minimum_that_scipy_finds(model: Model) -> None:
     """The squares of distances and of joint angles, these weighted by the ratios of the stiffnesses."""

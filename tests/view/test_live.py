@@ -265,10 +265,10 @@ def test_what_is_no_log_is_one_sentence(model, tmp_path):
     with pytest.raises(InputError, match="cannot read the log"):
         WatchedLoop(tmp_path / "none.csv", model)
     LoopLog(tmp_path / "b.csv", log_columns(5)).close()
-    with pytest.raises(InputError, match="has 5 links, but the model has 3"):
+    with pytest.raises(InputError, match="has 5 angles, but the model has 3 joint angles"):
         WatchedLoop(tmp_path / "b.csv", model)
     LoopLog(tmp_path / "c.csv", log_columns(3)).close()
-    with pytest.raises(InputError, match="body of fixed length"):
+    with pytest.raises(InputError, match="length is fixed"):
         WatchedLoop(tmp_path / "c.csv", model.with_(extensions=(Extension(100.0),)))
 
 

@@ -151,7 +151,7 @@ def test_a_loop_of_tendons_in_space_is_watched_by_its_log(arm, tmp_path):
     data = json.loads(live_page(PageContent(model, (), {}, log=tmp_path / "loop.csv"), watched)
                       .split('id="data">')[1].split("</script>")[0])  # fmt: skip
     assert (data["units"], data["chambers"]) == (["mm", "mm"], ["c0", "c1"])
-    with pytest.raises(InputError, match="has 4 joint coordinates, but the model has 6"):
+    with pytest.raises(InputError, match="has 4 angles, but the model has 2 joint angles about x and 2 joint"):
         WatchedLoop(tmp_path / "loop.csv", arm.with_(space=Space(twist_ratio=0.8, radius=0.01)))
 
 

@@ -11,7 +11,7 @@ from pliant.identification.chamber_parameters import prefixes
 from pliant.identification.experiment import Experiment
 from pliant.identification.names import find_path
 from pliant.identification.parameters import Parameter
-from pliant.identification.space_parameters import space_start
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.parts import BODY
 
@@ -105,10 +105,7 @@ def standing(model: Model, experiments: Sequence[Experiment]) -> dict[str, float
     values = {"tip_mass": model.tip_mass} if model.gravity.any() or not all(e.poses for e in experiments) else {}
     if any(e.excitation == "trace" and not e.poses for e in experiments):
         values["start"] = 0.0
-    if model.space is None:
-        values |= {f"rest_angle_{i + 1}": float(a) for i, a in enumerate(model.rest_angle)}
-    else:
-        values |= {n: v for n, v in space_start(model).items() if of_mounting(n) and not n.startswith("rest_turn_z")}
+    values |= mechanics_of(model).angle_values
     for prefix, chamber in zip(prefixes(model), model.chambers, strict=True):
         values |= {f"{prefix}{name}": chamber.value_of(name) for name in TIGHTENED if chamber.uses(name)}
     return values | (standing_in_frame(model, experiments) if not experiments[0].without_positions else {})
@@ -116,8 +113,9 @@ def standing(model: Model, experiments: Sequence[Experiment]) -> dict[str, float
 
 def standing_in_frame(model: Model, experiments: Sequence[Experiment]) -> dict[str, float]:
     """Return the values (SI) of the mounting parameters that positions alone show: base, frame, and marker places."""
-    axes, fields = ("xy", ("along", "across")) if model.space is None else ("xyz", ("along", "across", "aside"))
-    values = {f"base_{axis}": 0.0 for axis in axes} | ({"base_angle": model.base_angle} if model.space is None else {})
+    chain = mechanics_of(model)
+    fields = ("along", "across", "aside")[: chain.dimension]
+    values = {f"base_{axis}": 0.0 for axis in "xyz"[: chain.dimension]} | chain.base_values
     observed = {s for e in experiments for s in e.stations if not e.own_places}
     for point in model.points:
         if point.name in observed:

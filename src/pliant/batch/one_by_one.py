@@ -69,7 +69,7 @@ def march_alone(model: Model, steps: march_loops.Steps, angle: Array, rate: Arra
     """
     chain = mechanics_of(model)
     check_lengths(chain, x=angle, v=rate, torque=steps.gain)
-    states = state.relaxed(model, chain.joint_coordinates(angle)) if model.memory else np.zeros((model.n, 0))
+    states = state.relaxed(model, chain.joint_coordinates(angle))
     out = march_loops.rows_for(rows, model.size, states.shape, 3)
     out.phi[0], out.w[0] = angle, rate
     failed = free_twin(march_loops.march, *chain.sizes)(

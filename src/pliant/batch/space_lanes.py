@@ -15,7 +15,7 @@ import numpy as np
 from pliant.batch import space_loops
 from pliant.batch.samples import initial_values
 from pliant.batch.space_loops import LaneRows, LaneSteps
-from pliant.compiler.choose import MOST_TURNS, lane_twin
+from pliant.compiler.choose import lane_twin
 from pliant.compiler.simd import aligned
 from pliant.compiler.width import WIDTH
 from pliant.mechanics import Mechanics, mechanics_of
@@ -33,9 +33,7 @@ MOVE = 1e-3  # rad, at which the curvature of the energy is computed
 
 def fits_lanes(model: Model) -> bool:
     """Return whether a model can be simulated in SIMD vectors of chains in space."""
-    if model.space is None or model.memory or model.moving_base:
-        return False
-    return not model.actuation.tendons and model.size <= MOST_TURNS
+    return mechanics_of(model).simd == "space"
 
 
 class SpaceBatch(NamedTuple):

@@ -11,14 +11,14 @@ import numpy as np
 from pliant.batch import simd_loops, space_loops
 from pliant.batch.samples import ALIKE, check_alike
 from pliant.batch.simd_loops import Commanded, Lane
-from pliant.batch.space_lanes import fits_lanes, scratch_of
+from pliant.batch.space_lanes import scratch_of
 from pliant.compiler.choose import lane_twin
 from pliant.compiler.simd import aligned
 from pliant.compiler.width import WIDTH
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
-from pliant.model.features import Consumer
+from pliant.model.features import FIRST_ORDER, VALVES, Consumer
 from pliant.simulation import Stepper, state
 from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.solve import check_step
@@ -27,7 +27,9 @@ from pliant.simulation.stepper import STEPPER
 Array = np.ndarray
 
 
-BATCH_STEPPER = Consumer("a batch that is simulated step by step", STEPPER.can, remedy=STEPPER.remedy)
+BATCH_STEPPER = Consumer(
+    "a batch that is simulated step by step", STEPPER.can, remedy={k: STEPPER.remedy[k] for k in VALVES - FIRST_ORDER},
+)
 SHAPE: dict[str, Callable[[Model], Any]] = {
     "the number of their coordinates": attrgetter("size"), "the space they move in": lambda m: m.space is None,
 }
@@ -75,11 +77,9 @@ def batch_stepper(models: Sequence[Model], size: int, time_step: float) -> Batch
         raise InputError("the models of a batch must have equally many chambers: simulate others in a separate batch")
     for model in models[1:]:
         check_step(model, time_step, "midpoint")
-    if all(not m.memory and m.space is None and not m.extensions for m in models):
-        return OnLanes(models, size, time_step)
-    if all(map(fits_lanes, models)) and len({mechanics_of(m).sizes for m in models}) == 1:
-        return OnSpaceLanes(models, size, time_step)
-    return OneByOne(models, size, time_step)
+    kinds = {(mechanics_of(m).simd, mechanics_of(m).sizes) for m in models}
+    simd = kinds.pop()[0] if len(kinds) == 1 else ""
+    return STEPPERS[simd](models, size, time_step)
 
 
 def check_commands(pressure: Array, shape: tuple[int, int]) -> None:
@@ -272,3 +272,8 @@ class OneByOne:
             except SimulationError:
                 failed[i] = True
         return failed
+
+
+STEPPERS: dict[str, Callable[[Sequence[Model], int, float], BatchStepper]] = {
+    "plane": OnLanes, "space": OnSpaceLanes, "": OneByOne,
+}  # by `Mechanics.simd`

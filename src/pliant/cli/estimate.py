@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pliant.cli.reading import DRIVE, LEVELS, MAPPING, drives, levels, read_in_base_frame
+from pliant.cli.reading import (
+    BASE,
+    BASE_CUTOFF,
+    BASE_MAPPING,
+    DRIVE,
+    LEVELS,
+    MAPPING,
+    base_motion,
+    drives,
+    levels,
+    read_in_base_frame,
+)
 from pliant.cli.terminal import in_unit
 
 if TYPE_CHECKING:
@@ -47,11 +58,20 @@ def estimate(
     latency_ms: Annotated[float, typer.Option("--latency-ms", parser=in_unit("ms"),
                                               help="Delay of the shape's time stamps, ms.")] = 0.0,
     lag: Annotated[int, typer.Option(help="Lag of the smoother, frames.")] = 10,
+    base: Annotated[Path | None, typer.Option(help=BASE)] = None,
+    base_mapping: Annotated[
+        list[str] | None, typer.Option("--base-mapping", metavar="<path>", help=BASE_MAPPING)
+    ] = None,
+    base_cutoff_hz: Annotated[
+        float | None,
+        typer.Option("--base-cutoff-hz", parser=in_unit("Hz"), help=BASE_CUTOFF, show_default="none"),
+    ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="States and their covariances (.nc).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of angles, rates and innovations.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
-    """Estimate joint angles and rates with an extended Kalman filter and a smoother.
+    """Estimate joint angles and rates with an extended Kalman filter and a smoother, on a base that rests or moves. On
+    a moving base, the recording is in the axes of the moved base.
 
     Example: pliant estimate arm.nc --model results/arm/model.json --latency-ms 4 -o states.nc --figure states.png
     """
@@ -65,10 +85,11 @@ def estimate(
     pressure: list[Input] | None = None
     if level is not None:
         pressure = [Pulse(high, start, width) for high in levels(body, level)]
+    motion = base_motion(base, body, base_mapping, base_cutoff_hz)
     with busy("estimating"):
         estimated = filter_recording(
             recorded, body, pressure=pressure, disturbance=disturbance, latency=latency_ms * 1e-3, lag=lag,
-            drive=drives(drive),
+            drive=drives(drive), base=motion,
         )
     if output is not None:
         save_trajectory(estimated, output)

@@ -16,10 +16,35 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from pliant.model import Model
+    from pliant.simulation import BaseMotion
 
 LEVELS = "kPa gauge, or N, mm or rad of a tendon; for several inputs one each, as 80,30, or as left=80 (others: 0)"
 MAPPING = "TOML file with columns, units and format. For several kinds of files: NAME=FILE each, NAME in their names."
 DRIVE = "For several inputs: which recorded input drives which, as left=p1,right=p2; default: by equal names."
+
+BASE = ("Motion of the base: poses over time, such as t_s, x_m, y_m, angle_deg, or t_s, x_m, y_m, z_m, qx, qy, qz, qw "
+        "in space; relative to the first pose.")
+BASE_MAPPING = "TOML file with columns and units of --base."
+BASE_CUTOFF = "Frequency of which half passes the smoothing of noisy poses, Hz."
+
+
+def base_motion(path: Path | None, model: Model, mapping: list[str] | None, cutoff: float | None) -> BaseMotion | None:
+    """Return the motion of a base that the options --base, --base-mapping and --base-cutoff-hz state; None without one.
+
+    Raises
+    ------
+    InputError
+        When the file shows no motion of a base, or the other options are given without it.
+    """
+    from pliant.mechanics import mechanics_of
+    from pliant.recording.mapping import options_of
+    from pliant.simulation import read_base
+
+    if path is not None:
+        return read_base(path, mechanics_of(model).dimension, options_of(path, load_mapping(mapping)), cutoff)
+    if mapping or cutoff is not None:
+        raise InputError("--base-mapping and --base-cutoff-hz describe a file of the base's poses: give it by --base")
+    return None
 
 
 def load_mapping(paths: Sequence[Path | str] | Path | None) -> dict[str, Any] | None:

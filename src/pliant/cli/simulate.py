@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.reading import DRIVE, LEVELS, drives, levels, vector
+from pliant.cli.reading import BASE, BASE_CUTOFF, BASE_MAPPING, DRIVE, LEVELS, base_motion, drives, levels, vector
 from pliant.cli.terminal import in_unit
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
     from pliant.model import Model
+    from pliant.simulation import BaseMotion
     from pliant.simulation.forces import PointForce
     from pliant.simulation.inputs import Input
 
@@ -43,18 +44,13 @@ def simulate(
         float, typer.Option("--load-g", parser=in_unit("g"),
                             help="Mass attached to the tip, g; it has weight if the model has gravity.")
     ] = 0.0,
-    base: Annotated[
-        Path | None, typer.Option(help="Motion of the base: poses over time, such as t_s, x_m, y_m, angle_deg, or t_s, "
-                                       "x_m, y_m, z_m, qx, qy, qz, qw in space; relative to the first pose.")
-    ] = None,
+    base: Annotated[Path | None, typer.Option(help=BASE)] = None,
     base_mapping: Annotated[
-        list[str] | None,
-        typer.Option("--base-mapping", metavar="<path>", help="TOML file with columns and units of --base."),
+        list[str] | None, typer.Option("--base-mapping", metavar="<path>", help=BASE_MAPPING)
     ] = None,
     base_cutoff_hz: Annotated[
         float | None,
-        typer.Option("--base-cutoff-hz", parser=in_unit("Hz"),
-                     help="Frequency of which half passes the smoothing of noisy poses, Hz.", show_default="none"),
+        typer.Option("--base-cutoff-hz", parser=in_unit("Hz"), help=BASE_CUTOFF, show_default="none"),
     ] = None,
     force: Annotated[
         str,
@@ -87,10 +83,7 @@ def simulate(
         raise InputError("give either --level for a pulse or --trace for measured inputs, not both")
     else:
         inputs, options["times"] = measured_inputs(trace, loaded, drive, duration, time_step)
-    if base is not None:
-        options |= moving_base(base, loaded, base_mapping, base_cutoff_hz, options, duration)
-    elif base_mapping or base_cutoff_hz is not None:
-        raise InputError("--base-mapping and --base-cutoff-hz describe a file of the base's poses: give it by --base")
+    options |= on_base(base_motion(base, loaded, base_mapping, base_cutoff_hz), options, duration)
     with busy("simulating"):
         result = solve(loaded, inputs, **options)
     if base is not None:
@@ -106,21 +99,14 @@ def simulate(
     print_numbers(summary(result), as_json=json)
 
 
-def moving_base(
-    path: Path, model: Model, mapping: list[str] | None, cutoff: float | None, options: dict[str, Any],
-    duration: float | None,
-) -> dict[str, Any]:
-    """Return the options of a simulation on a base that moves as a file states: the motion, which begins at 0 s under a
-    pulse and has the clock of measured inputs, and the simulated time, which ends with the poses unless stated.
+def on_base(motion: BaseMotion | None, options: dict[str, Any], duration: float | None) -> dict[str, Any]:
+    """Return the options of a simulation on a base that moves: the motion, which begins at 0 s under a pulse and has
+    the clock of measured inputs, and the simulated time, which ends with the poses unless stated. {} without a motion.
     """
     from dataclasses import replace
 
-    from pliant.cli.reading import load_mapping
-    from pliant.mechanics import mechanics_of
-    from pliant.recording.mapping import options_of
-    from pliant.simulation import read_base
-
-    motion = read_base(path, mechanics_of(model).dimension, options_of(path, load_mapping(mapping)), cutoff)
+    if motion is None:
+        return {}
     if "times" in options:
         return {"base": motion}
     motion = replace(motion, time=motion.time - motion.time[0])

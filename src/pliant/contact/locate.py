@@ -266,14 +266,7 @@ def described(model: Model, angle: Array, trial: TrialForce, without: float) -> 
     sd = np.sqrt(np.diag(covariance))
     allowed = 1.0 / np.sqrt(np.diag(trial.weight[best]))
     names = ["normal"] * (len(force) - 1) + ["tangential"]
-    normal, normal_sd, left = float(force[0]), float(sd[0]), np.array([-tangent[1], tangent[0]])
-    if model.space:
-        normal = float(np.linalg.norm(force[:2]))
-        towards = force[:2] / max(normal, 1e-300)
-        normal_sd = float(np.sqrt(towards @ covariance[:2, :2] @ towards))
-        across = turn[:, :2] @ force[:2]
-        across -= (across @ tangent) * tangent
-        left = across / max(float(np.linalg.norm(across)), 1e-300)
+    normal, normal_sd, left = mechanics_of(model).lateral_force(turn, tangent, force, covariance)
     return Push(
         float(arc[best]), (float(arc[likely].min()), float(arc[likely].max())), model.length, j,
         point, left, turn @ force, turn @ covariance @ turn.T,

@@ -18,7 +18,7 @@ from pliant.control.tuning import Limits
 from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
 from pliant.estimation.contract import Estimator, EstimatorKind, Setting, estimator_kind
-from pliant.estimation.link_angles import LinkAngles, LinkTips, calibrated, with_rest_shape
+from pliant.estimation.link_angles import LINK_ANGLES, LinkAngles, LinkTips, calibrated, with_rest_shape
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.options import with_defaults
@@ -160,24 +160,15 @@ def calibration(
     """Return the model with the measured rest shape, and the object that converts measured shapes to link angles or
     positions.
     """
-    if seeing.fixed_length and model.space is not None:
-        raise InputError(
-            f"model {model.name!r} moves in space, which the estimator {seeing.name!r} does not support: use filter"
-        )
-    if not mechanics_of(model).lengthens:
-        if model.space is not None:
-            return with_rest_shape(model, arc_length, frames)
+    seeing.consumer.check(model)
+    if not LINK_ANGLES.lacks(model):
         body = calibrated(model, arc_length, frames)
         return body, LinkAngles(body, arc_length)
-    if not rides:
+    if mechanics_of(model).lengthens and not rides:
         raise InputError(
             f"model {model.name!r} lengthens, so it needs a plant that measures material points of the body "
             "(rides = True), but this one measures points on a curve: use markers, or build a Pipeline of the "
             "stations, a KalmanFilter, and an Lqr or Mpc with design_outputs"
-        )
-    if seeing.fixed_length:
-        raise InputError(
-            f"model {model.name!r} lengthens, which the estimator {seeing.name!r} does not support: use filter"
         )
     return with_rest_shape(model, arc_length, frames)
 

@@ -252,10 +252,8 @@ class Planner:
         moved = simulate(model, drive, times=edge, time_step=STEP, check=False)
         q, dq = np.asarray(moved["joint_angle"].values), np.asarray(moved["joint_rate"].values)
         angle = model.base_angle + np.cumsum(q + model.rest_angle, axis=1)
-        shift = np.zeros_like(q)
-        if model.memory:
-            c = model.memory.instantaneous
-            shift = (c * q - np.asarray(moved["memory_torque"].values) / model.stiffness) / (1.0 + c)
+        c, remembered = model.memory.instantaneous, np.asarray(moved.get("memory_torque", np.zeros_like(q)))
+        shift = (c * q - remembered / model.stiffness) / (1.0 + c)
         return angle, np.cumsum(dq, axis=1), shift, np.asarray(moved["tip_position"].values)[:, -1]
 
     def _tip(self, command: Array) -> Array:

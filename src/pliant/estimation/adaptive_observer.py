@@ -211,7 +211,7 @@ def make(setting: Setting) -> AdaptiveObserver:
     return AdaptiveObserver(setting.model, setting.period, late=setting.late)
 
 
-ESTIMATOR = EstimatorKind("observer", make, fixed_length=True)
+ESTIMATOR = EstimatorKind("observer", make, consumer=OBSERVER)
 
 
 def frozen(model: Model, share: float = 1.0) -> Model:

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from pliant.model import Model
+from pliant.model.features import RESTING, Consumer
 from pliant.plugins import chosen, offered
 from pliant.shapes import Float
 
@@ -103,6 +104,9 @@ class Setting(NamedTuple):
     late: int  # delay of the frames, in periods, against the pressures that arrive with them
 
 
+ANY_BODY = Consumer("an estimator", RESTING)
+
+
 @dataclass(frozen=True)
 class EstimatorKind:
     """A registered estimator: its name, its constructor, and what it can process.
@@ -114,14 +118,14 @@ class EstimatorKind:
     predicts : bool
         Whether `state(time)` predicts to that time. Otherwise the state is as old as the last frame, and a control
         design counts that age as dead time.
-    fixed_length : bool
-        Whether it supports only planar bodies of fixed length.
+    consumer : Consumer
+        States the features of models that it takes into account, and refuses others.
     """
 
     name: str
     make: Callable[[Setting], Estimator]
     predicts: bool = False
-    fixed_length: bool = False
+    consumer: Consumer = ANY_BODY
 
 
 GROUP = "pliant.estimators"

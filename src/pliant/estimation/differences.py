@@ -10,8 +10,13 @@ from pliant.errors import InputError
 from pliant.estimation.contract import EstimatorKind, Setting, State
 from pliant.estimation.link_angles import needs_joint_rows
 from pliant.model import Model
+from pliant.model.features import IN_SPACE, LENGTHENS, RESTING, Consumer
 
 Array = np.ndarray
+DIFFERENCES = Consumer(
+    "Differences", RESTING - IN_SPACE - LENGTHENS,
+    remedy=dict.fromkeys(IN_SPACE | LENGTHENS, "use the KalmanFilter (estimator filter)"),
+)
 
 
 class Differences:
@@ -93,4 +98,4 @@ def make(setting: Setting) -> Differences:
     return Differences(setting.model)
 
 
-ESTIMATOR = EstimatorKind("differences", make, fixed_length=True)
+ESTIMATOR = EstimatorKind("differences", make, consumer=DIFFERENCES)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,17 +17,17 @@ from pliant.equations import chamber
 from pliant.equations.memory import memory_angle
 from pliant.errors import InputError, SimulationError
 from pliant.estimation import kalman_loops
-from pliant.estimation.adaptive_observer_loops import rest_shift
 from pliant.estimation.contract import EstimatorKind, Setting, State
 from pliant.estimation.measurement import IN_METRES, check_frame, flips
 from pliant.estimation.noise import Noise, default_noise
-from pliant.estimation.offline import chain_of, frame_of
+from pliant.estimation.offline import chain_of, frame_of, with_gravity
 from pliant.estimation.symbols import FilterNoise, FilterState, FilterWorkspace, Prediction, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.features import RESTING, VALVES, Consumer
 from pliant.shapes import Float
-from pliant.simulation import state
+from pliant.simulation import BaseMotion, state
+from pliant.simulation.base_motion import BaseSteps, base_fields
 
 Array = np.ndarray
 LARGEST = 0.5  # rad, or lengths of the body: a larger innovation means that model and body no longer agree
@@ -69,6 +70,7 @@ class Counts:
 
 FILTER = Consumer(
     "KalmanFilter", RESTING - VALVES, dict.fromkeys(VALVES, "pressures are taken as behind the valves"),
+    {"base_motion": "state the motion of its base: KalmanFilter(model, base=BaseMotion(...))"},
 )
 
 
@@ -91,6 +93,9 @@ class KalmanFilter:
         Initial pressure, at which the chain starts in equilibrium, Pa.
     time : float
         Initial time, s; minus infinity: that of the first event.
+    base : BaseMotion, optional
+        Prescribed motion of the base, on the clock of the filter. The state, and positions and angles of frames, are
+        relative to the moved base. By default the base rests.
 
     Attributes
     ----------
@@ -126,21 +131,25 @@ class KalmanFilter:
     def __init__(
         self, model: Model, noise: Noise | None = None, *, time_step: float = 5e-3, latency: float = 0.0,
         buffer: float = 0.2, pressure: float | Float[Array, " C"] = 0.0, time: float = 0.0,
+        base: BaseMotion | None = None,
     ) -> None:
         if not time_step > 0:
             raise InputError(f"time_step must be > 0 s, got {time_step}")
         if not (latency >= 0 and buffer >= 0):
             raise InputError(f"latency and buffer must be >= 0 s, got latency = {latency} and buffer = {buffer}")
+        model = model if base is None else model.with_(moving_base=False)
         FILTER.check(model)
+        self._base = None if base is None else BaseSteps(model, base)
+        model = model if self._base is None else self._base.model
         self.model, self.noise = model, noise or default_noise(model)
         self.time_step, self.latency, self.buffer = time_step, latency, buffer
         self.counts, self.fault = Counts(), ""
-        self._chain = chain_of(model)
+        self._mechanics = mechanics_of(model) if self._base is None else self._base.chain
+        self._chain = chain_of(model)._replace(body=self._mechanics.body, joints=self._mechanics.joints)
         self._workspaces: dict[int, FilterWorkspace] = {}
         sizes = mechanics_of(model).sizes
         self._predict, self._update = twin(kalman_loops.predict_span, *sizes), twin(kalman_loops.update, *sizes)
-        self._rest_shift = twin(rest_shift)
-        q, size, n = state.equilibrium(model, pressure), model.size, model.size - len(model.extensions)
+        q, size, n = self._rest(pressure, float(time)), model.size, model.size - len(model.extensions)
         self.time, self.pressure = float(time), model.actuation.pressures(pressure)
         self._actuation, self._torques = model.actuation.kernel(), twin(chamber.held_torques)
         self._tau = np.zeros(model.actuation.columns.shape[1])
@@ -157,6 +166,11 @@ class KalmanFilter:
         self._densities = FilterNoise(*self.noise.densities(model), self._state[-1:])
         self.innovation = np.empty(0)
         self._events: deque[tuple[FilterSnapshot, FilterEvent]] = deque()
+
+    def _rest(self, pressure: float | Array, time: float) -> Array:
+        if self._base is None:
+            return state.equilibrium(self.model, pressure)
+        return self._base.rest(pressure, time if math.isfinite(time) else float(self._base.motion.time[0]))
 
     def push_pressure(self, time: float, pressure: float | Float[Array, " C"]) -> None:
         """Take pressures (C,) [Pa] of C chambers at `time` [s]. They count as constant until the next sample.
@@ -202,13 +216,7 @@ class KalmanFilter:
         model, K, n = self.model, self._chain.joints.K, self.angle.size
         angle, rate, disturbance = self.angle.copy(), self.rate.copy(), self.disturbance.copy()
         memory, shift, strain_shift = model.memory, disturbance / K[:n], self._own.disturbance[n:] / K[n:]
-        if model.space is None:
-            self._rest_shift(
-                angle, shift.copy(), self.memory, float(model.base_angle), model.rest_angle, memory.law(),
-                memory.instantaneous, shift,
-            )
-        else:
-            shift = self._remembered(memory, 0, angle, shift)
+        shift = self._remembered(memory, 0, mechanics_of(model).joint_coordinates(self._own.angle)[:n], shift)
         return State(
             self.time, angle, rate, shift, disturbance, self.covariance.copy(), fault=self.fault,
             strain=self.strain.copy(), strain_rate=self.strain_rate.copy(),
@@ -222,7 +230,7 @@ class KalmanFilter:
         if not memory:
             return shift
         left, law = memory.instantaneous, memory.law()
-        r = np.array([memory_angle(first + i, q[i], self.memory, law) for i in range(q.size)])
+        r = memory_angle(slice(first, first + q.size), q, self.memory, law)
         return np.asarray((shift + left * q - r) / (1.0 + left))
 
     def advance(self, time: float) -> None:
@@ -231,18 +239,41 @@ class KalmanFilter:
         if not span > 1e-12 or math.isinf(span):
             return
         count = math.ceil(span / self.time_step * (1 - 1e-9))
+        moves = self._moves(count, span / count)
         self._torques(span, self.pressure, self._actuation, self._slow, self._tau)
-        prediction = Prediction(count, span / count, self._tau, self._densities)
-        failed = self._predict(self._own, self._chain, prediction, self._arrays(1))
+        if self._base is None:
+            prediction = Prediction(count, span / count, self._tau, self._densities)
+            failed = self._predict(self._own, self._chain, prediction, self._arrays(1))
+        else:
+            failed = self._carried(self._base, moves, span / count)
         if failed < 0:
             raise SimulationError(
                 f"the prediction to {time:.6g} s fails: the step {span / count:.3g} s is too long; use a shorter step"
             )
         self.time = float(time)
 
+    def _moves(self, count: int, h: float) -> list[tuple[Array, Any]]:
+        """Return the motion of the base in each of `count` steps of h [s], and the constants of a body on which the
+        acceleration of the base acts as gravity does; [] for a base at rest.
+        """
+        if self._base is None:
+            return []
+        rows, fields = base_fields(self._base.chain, self._base.motion, self.time + h * np.arange(count + 1))
+        return [(row, with_gravity(self._chain, pull)) for row, pull in zip(rows, fields, strict=True)]
+
+    def _carried(self, base: BaseSteps, moves: list[tuple[Array, Any]], h: float) -> int:
+        """Predict over steps of h [s] on the moving base. Return -1 if a step failed, else 0."""
+        prediction, arrays = Prediction(1, h, self._tau, self._densities), self._arrays(1)
+        for row, chain in moves:
+            predict = partial(self._predict, self._own, chain, prediction, arrays)
+            if base.made(predict, row, self._own.angle, self._own.rate) < 0:
+                return -1
+        return 0
+
     def _arrays(self, rows: int) -> FilterWorkspace:
         if rows not in self._workspaces:
-            self._workspaces[rows] = make_workspace(self.model, self.covariance.shape[0], rows)
+            arrays = make_workspace(self.model, self.covariance.shape[0], rows)
+            self._workspaces[rows] = arrays._replace(held=self._mechanics.held())
         return self._workspaces[rows]
 
     def _take(self, event: FilterEvent) -> None:
@@ -306,4 +337,4 @@ def make(setting: Setting) -> KalmanFilter:
     return KalmanFilter(setting.model, time=-math.inf)
 
 
-ESTIMATOR = EstimatorKind("filter", make, predicts=True)
+ESTIMATOR = EstimatorKind("filter", make, predicts=True, consumer=FILTER)

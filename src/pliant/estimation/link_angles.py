@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from pliant.compiler.choose import twin
@@ -13,11 +11,12 @@ from pliant.estimation import kalman_loops
 from pliant.estimation.contract import Frame
 from pliant.estimation.measurement import rows_of
 from pliant.mechanics import mechanics_of
-from pliant.mechanics.spatial import SpatialChain, rotation
-from pliant.model import Model, Space, fixed_length
+from pliant.model import Model, fixed_length
+from pliant.model.features import IN_SPACE, LENGTHENS, RESTING, Consumer
 from pliant.simulation import state
 
 Array = np.ndarray
+LINK_ANGLES = Consumer("LinkAngles", RESTING - IN_SPACE - LENGTHENS)
 WHOLE = 5  # least number of frames for a rest shape
 
 
@@ -230,37 +229,5 @@ def with_rest_shape(model: Model, arc_length: Array, frames: Array) -> tuple[Mod
     fitted = model
     for _ in range(TURNS):
         bend, shape = state.equilibrium(fitted), tips.mean(axis=0)
-        fitted = (with_rest_rotations if model.space else with_rest_angles)(fitted, bend, shape)
+        fitted = mechanics_of(fitted).with_rest_shape(bend, shape)
     return fitted, LinkTips(fitted, arc_length, max(float(tips.std(axis=0).mean()), 1e-5))
-
-
-def with_rest_angles(model: Model, bend: Array, tips: Array) -> Model:
-    """Return the planar model with new rest angles. With these its n link tips are at `tips` (n, 2) [m] when the joint
-    angles [rad] and the strains of S segments are `bend` (n + S,).
-    """
-    joint = (1.0 + model.stretch_share[0] @ bend[model.n :]) * model.first_joint
-    across = np.diff(tips, axis=0, prepend=joint[None])
-    angle = np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
-    return model.with_(rest_angle=np.diff(angle, prepend=model.base_angle) - bend[: model.n])
-
-
-def with_rest_rotations(model: Model, bend: Array, tips: Array) -> Model:
-    """Return the spatial model with new rest rotations. With these its n link tips are at `tips` (n, 3) [m] when its N
-    joint coordinates are `bend` (N,). Each rest rotation changes as little as possible.
-
-    The tips (n, 3) [m] do not show twist.
-    """
-    from scipy.spatial.transform import Rotation
-
-    chain, space = SpatialChain(model), model.space or Space()
-    R, turns = chain.posed(bend).R, space.rest_of(model.n)
-    whole = R[0]
-    for k, direction in enumerate(np.diff(tips, axis=0, prepend=chain.nodes(bend)[None, 1])):
-        turn = R[k].T @ R[k + 1]  # the rest turn, and the joint's turn behind it
-        before, after = turn[:, 2], whole.T @ (direction / np.linalg.norm(direction))
-        axis = np.cross(before, after)
-        size = float(np.linalg.norm(axis))
-        more = rotation(axis * (np.arctan2(size, before @ after) / size if size else 0.0))
-        turns[k] = Rotation.from_matrix(more @ rotation(turns[k])).as_rotvec()
-        whole = whole @ more @ turn
-    return model.with_(space=replace(space, rest_turn=turns))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from pliant.estimation.symbols import (
     FilterNoise,
     FilterOutput,
     FilterState,
+    Prediction,
     make_output,
     make_workspace,
 )
@@ -27,7 +29,8 @@ from pliant.identification.drives import measured
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.lengths import check_lengths
 from pliant.model import Model
-from pliant.simulation import Pulse, Trace, state
+from pliant.simulation import BaseMotion, Pulse, Trace, state
+from pliant.simulation.base_motion import BaseSteps, base_fields
 from pliant.simulation.drive import Drive
 from pliant.simulation.drive import drive as drive_plan
 from pliant.simulation.inputs import Input
@@ -51,6 +54,7 @@ def estimate(
     time_step: float | None = None,
     lag: int = 10,
     pressure_window: float = 8e-3,
+    base: BaseMotion | None = None,
 ) -> xr.Dataset:
     """Estimate joint angles, rates and disturbance torques from a recording, by extended Kalman filter and smoother.
 
@@ -85,6 +89,9 @@ def estimate(
     pressure_window : float
         Width of the centred moving average of measured inputs, s. Sensor noise of the pressure disturbs light links
         more than the noise of a frame. A window of up to twice the latency of the shape adds no delay.
+    base : BaseMotion, optional
+        Prescribed motion of the base on the clock of the inputs. The recording, and the result, are then in the axes of
+        the moved base. By default the base rests.
 
     Returns
     -------
@@ -99,7 +106,8 @@ def estimate(
     Raises
     ------
     InputError
-        When the recording does not show the model, or has no inputs and none are given, or inputs differ in kind.
+        When the recording does not show the model, or has no inputs and none are given, or inputs differ in kind, or
+        the motion of the base does not fit the model or cover the recording.
     SimulationError
         When a prediction fails.
 
@@ -130,7 +138,8 @@ def estimate(
     for step in steps:
         plan = drive_plan(body, source, times, step)
         try:
-            out = run(body, measurement, plan, settings)
+            out = run(body, measurement, plan, settings) if base is None else run_on_base(
+                BaseSteps(body, base), measurement, plan, settings, float(times[0]))  # fmt: skip
             break
         except SimulationError:
             if step == steps[-1]:
@@ -203,10 +212,47 @@ def run(model: Model, measurement: Measurement, plan: Drive, noise: Noise) -> Fi
         frame_of(model, *measurement[1:4]), out, make_workspace(model, states, rows),
     )
     if failed >= 0:
-        raise SimulationError(
-            f"the prediction of frame {failed} at {measurement.time[failed]:.6g} s fails: a link turns by more than a "
-            "radian in one step; use a shorter step, or check pressure and model"
-        )
+        raise prediction_fails(measurement, failed)
+    return out
+
+
+def prediction_fails(measurement: Measurement, frame: int) -> SimulationError:
+    """Return the error for a frame, by its index, that the filter cannot predict."""
+    return SimulationError(
+        f"the prediction of frame {frame} at {measurement.time[frame]:.6g} s fails: a link turns by more than a "
+        "radian in one step; use a shorter step, or check pressure and model"
+    )
+
+
+def run_on_base(base: BaseSteps, measurement: Measurement, plan: Drive, noise: Noise, begin: float) -> FilterOutput:
+    """Run the Kalman filter over all frames of a recording whose base moves; `begin` is the time of the first one [s].
+
+    Each step has a body of its own, on which the acceleration of the base acts as gravity does.
+    """
+    model, chain = base.model, base.chain
+    states, (frames, rows) = noise.states(model), measurement.value.shape
+    q, n = base.rest(plan.initial, begin), 2 * model.size
+    now = FilterState(
+        chain.coordinates(q), np.zeros(model.size), np.zeros(model.size), noise.initial(model), state.relaxed(model, q),
+    )
+    constants = chain_of(model)._replace(body=chain.body, joints=chain.joints)
+    arrays = make_workspace(model, states, rows)._replace(held=chain.held())
+    predict, record = (twin(k, *chain.sizes) for k in (kalman_loops.predict_span, kalman_loops.filter_record))
+    moves, fields = base_fields(chain, base.motion, begin + np.append(0.0, np.cumsum(plan.h)))
+    density, frame = FilterNoise(*noise.densities(model), np.zeros(1)), frame_of(model, *measurement[1:4])
+    out, ends = make_output(frames, states, rows), [0, *(np.flatnonzero(plan.keep >= 0) + 1).tolist()]
+    nothing = plan.h[:0], plan.joint_torque[:0], np.zeros(2, dtype=np.int64)
+    for f, end in enumerate(ends):
+        transition = np.eye(states)
+        for k in range(ends[max(f - 1, 0)], end):
+            prediction = Prediction(1, float(plan.h[k]), plan.joint_torque[k], density)
+            step = partial(predict, now, with_gravity(constants, fields[k]), prediction, arrays)
+            if base.made(step, moves[k], now.angle, now.rate) < 0:
+                raise prediction_fails(measurement, f)
+            transition[:n] = arrays.J[:states, :n].T @ transition
+        part = FilterOutput(*(a[f : f + 1] for a in out))
+        record(now, constants, nothing, density, frame._replace(values=frame.values[f : f + 1]), part, arrays)
+        out.transition[f] = transition
     return out
 
 
@@ -222,6 +268,11 @@ def chain_of(model: Model) -> FilterModel:
     """Return the model constants that the compiled filter takes."""
     gain, memory = np.array(model.actuation.columns), model.memory
     return FilterModel(gain, *mechanics_of(model).parts()[:2], memory.law(), bool(memory))
+
+
+def with_gravity(chain: FilterModel, field: Array) -> FilterModel:
+    """Return the model constants with another gravity, a field (2,) or (3,) [m/s^2]."""
+    return chain._replace(body=chain.body._replace(**dict(zip(("gx", "gy", "gz"), field.tolist(), strict=False))))
 
 
 def split(model: Model, x: Array, P: Array) -> dict[str, tuple[Any, ...]]:

@@ -39,6 +39,7 @@ CAN = LATER_TERMS | {
     "rates", "swelling", "inflation", "creep", "slip", "space", "twist", "soft_swing", "space_memory", "tendons",
     "tendon_friction", "pair_pretension", "boucwen",
 }
+AXES = {2: "x and y", 3: "x, y and z"}  # by the dimension of space
 MOST_LINKS = 24  # the code of a step grows with the cube of the number of links
 
 
@@ -81,12 +82,9 @@ def start(text: Text, pressure: ArrayLike, queue: int) -> str:
     q = state.equilibrium(model, levels)
     values: dict[str, Array] = {
         "angle": mechanics_of(model).coordinates(q), "rate": np.zeros(model.size), "pressure": levels,
-        "chamber": model.actuation.rest_state(levels),
+        "chamber": model.actuation.rest_state(levels), "memory": state.relaxed_as_stored(model, q),
+        "queue": np.tile(levels, (queue, 1)),
     }
-    if text.model.memory:
-        values["memory"] = state.relaxed(model, q)
-    if queue:
-        values["queue"] = np.tile(levels, (queue, 1))
     for field, value in values.items():
         for index in np.ndindex(*value.shape):
             w.say(f"s->{field}{''.join(f'[{i}]' for i in index)} = {w.number(float(value[index]))};")
@@ -143,26 +141,24 @@ def fields(text: Text, queue: int) -> tuple[str, str]:
     """
     N, C, kind = text.model.size, text.model.actuation.count, text.kind
     chain = mechanics_of(text.model)
-    swings = ", ".join(chain.joint_names)
-    angles = swings if text.model.space else "absolute angle of each link from the base tangent +y"
     strains = ", strains 1" if chain.lengthens else ""
     inputs = ", ".join(dict.fromkeys(text.model.actuation.units)).replace("Pa", "Pa gauge")
     rows = [
-        f"{kind} angle[{N}]; /* rad{strains}, {angles} */",
+        f"{kind} angle[{N}]; /* rad{strains}, {chain.coordinate_words} */",
         f"{kind} rate[{N}]; /* rad/s{strains and ', strains 1/s'} */",
         f"{kind} pressure[{C}]; /* {inputs}, behind the valve */",
         f"{kind} chamber[{C}][2]; /* Pa, slow pressure; 1, fourth power of the hoop stretch */",
     ]
-    if text.model.memory:
-        labels = ", ".join(text.model.memory.labels)
-        m, branches = text.remembered
-        owner = "turn" if text.model.space else "joint"
-        axial = ", ".join(text.model.memory.axial.labels)
-        strains = f"; 1, {axial} of each segment" if axial else ""
-        rows.append(f"{kind} memory[{m}][{branches}]; /* rad, {labels} of each {owner}{strains} */")
-    if queue:
-        rows += [f"{kind} queue[{queue}][{C}]; /* {inputs}, delayed commands */",
-                 "int next; /* index of the next command */"]  # fmt: skip
+    labels = ", ".join(text.model.memory.labels)
+    m, branches = text.remembered
+    axial = ", ".join(text.model.memory.axial.labels)
+    more = f"; 1, {axial} of each segment" if axial else ""
+    members_by_size = (
+        (m * branches, f"{kind} memory[{m}][{branches}]; /* rad, {labels} of each {chain.turning_part}{more} */"),
+        (queue, f"{kind} queue[{queue}][{C}]; /* {inputs}, delayed commands */"),
+        (queue, "int next; /* index of the next command */"),
+    )
+    rows += [member for size, member in members_by_size if size]
     notes = dict.fromkeys(DERIVED, "derived") | units_of_inputs(text.model) | {
         "tendon_stiffness": "N/m, also in `torque`",
         "share": "fraction of each link, the base part first, in each segment",
@@ -218,7 +214,7 @@ def code(
     words = {
         "COMMENT": comment, "UP": prefix.upper(), "P": prefix, "N": model.n, "KIND": text.kind,
         "SIZE": model.size, "TWICE": 2 * model.n,
-        "POSE": text.pose, "AXES": "x, y and z" if model.space else "x and y", "PLACES": len(model.gravity),
+        "POSE": text.pose, "AXES": AXES[mechanics_of(model).dimension], "PLACES": len(model.gravity),
         "COMMANDS": "inputs" if model.actuation.units != ("Pa",) * model.actuation.count else "pressures [Pa gauge]",
         "C": model.actuation.count, "STATIONS": len(model.points), "STEP": repr(float(time_step)),
         "REAL": "float" if single else "double", "STATE": rows, "PARAMETERS": members,

@@ -18,9 +18,10 @@ from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.extension import CURVES
+from pliant.model.features import named
 from pliant.model.parts import declared
 from pliant.numerics.ldl import ldl_solve
-from pliant.simulation import march_loops, state
+from pliant.simulation import march_loops
 from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.pressure_loops import UNLIMITED
 
@@ -89,17 +90,11 @@ def rest_shape(model: Model) -> dict[str, Any]:
     """
     chain = mechanics_of(model)
     curves = CURVES if chain.axial_laws & CURVED else ()
-    axial = {f"axial_{field}": np.array([getattr(e, field) or 0.0 for e in model.extensions])
+    segments = model.extensions
+    axial = {f"axial_{field}": np.array([getattr(e, field) or 0.0 for e in segments])
              for field in ("stiffness", "damping", *curves)}  # fmt: skip
     beside = {f: v for f, v in chain.body._asdict().items() if f not in (*DERIVED, "l", "gx", "gy", "gz")}
-    if not model.space:
-        return {"rest_angle": model.rest_angle, "base_angle": model.base_angle, **axial, **beside}
-    space = model.space
-    more: dict[str, Any] = ({"twist_ratio": space.twist_ratio} if space.turns == 3 else {}) | axial
-    return {
-        "rest_turn": space.rest_of(model.n), "base_tilt": space.base_tilt, "radius": space.radius,
-        "stiffness_ratio": space.stiffness_ratio, "tied": chain.joints.tied, **more, **beside,
-    }
+    return {**chain.shape_constants, **axial, **beside}
 
 
 def derived_constants(model: Model) -> dict[str, Any]:
@@ -185,7 +180,7 @@ class Text:
         self.kind = f"{prefix}_real"
         self.given = names(model)
         self.phi, self.w = cells("s->angle", (model.size,)), cells("s->rate", (model.size,))
-        self.remembered = state.relaxed(model, np.zeros(model.size)).shape if model.memory else (0, 0)
+        self.remembered = mechanics_of(model).memory_shape
 
     @property
     def instead(self) -> dict[Any, Any]:
@@ -209,12 +204,17 @@ class Text:
         arrays = {f: v for f, v in example._asdict().items() if isinstance(v, np.ndarray)}
         rows = {f: writer.scratch(f"held_{f}", v.shape) for f, v in arrays.items()}
         springs = joints._replace(**{f: rows[f] for f in ("theta0", "K", "rest", "line") if f in rows})
-        if self.model.space:
-            springs = springs._replace(theta0=writer.scratch("held_theta0", (self.model.size,)))
-        elif "rest" not in rows:
-            rows["K"][self.model.n :] = joints.K[self.model.n :]  # of segments, which have no hysteresis
+        springs = self.held_springs(writer, springs, rows)
         memory = cells("s->memory", self.remembered)
         return symbols.Past(self.given.memory, memory, example._replace(springs=springs, **rows))
+
+    def held_springs(self, writer: CWriter, springs: Any, rows: dict[str, Array]) -> Any:  # noqa: ARG002  of the interface
+        """Return the spring constants during a step with hysteresis, and complete the scratch arrays `rows` of this
+        step, by name.
+        """
+        if "rest" not in rows:
+            rows["K"][self.model.n :] = self.given.joints.K[self.model.n :]  # of segments, which have no hysteresis
+        return springs
 
     def step(self) -> str:
         """Return the source of the C function for one time step of length h under constant commands. It returns 0, or
@@ -337,16 +337,14 @@ class Text:
 
     def joint_angles(self) -> str:
         """Return the source of the C function that computes the joint angles relative to the rest shape, and copies the
-        strains of segments that lengthen. In space it copies all joint coordinates.
+        strains of segments that lengthen.
         """
-        w, turned = self.writer(), 0 if self.model.space else self.model.n
-        for k in range(turned):
+        w = self.writer()
+        for k in range(self.model.n):
             before = self.phi[k - 1] if k else "p->base_angle"
             w.say(f"q[{k}] = {self.phi[k]} - {before} - p->rest_angle[{k}];")
-        for i in range(turned, self.model.size):
+        for i in range(self.model.n, self.model.size):
             w.say(f"q[{i}] = {self.phi[i]};")
-        if not turned:
-            w.say("(void)p;")
         return self.reading("joint_angles", f"q[{self.model.size}]", w)
 
     def energy(self) -> str:
@@ -422,9 +420,10 @@ class Text:
         derivatives `out` of the link accelerations with respect to the link angles.
         """
         m, n = self.given.memory, self.model.n
-        if not self.model.memory:
+        smooth = [m.boucwen_share for _ in named(self.model, ("boucwen",))]
+        shares = [*m.creep_share, *m.slip_share, *smooth]
+        if not shares:
             return
-        shares = [*m.creep_share, *m.slip_share, *([m.boucwen_share] if self.model.memory.boucwen_share else [])]
         share = w.keep(Real(f"({' + '.join(shares)})"), "share")
         row = w.scratch("row", (n,))
         for i in range(n):

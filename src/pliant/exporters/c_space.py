@@ -26,6 +26,9 @@ from pliant.equations import (
 from pliant.exporters.c_functions import Text, place
 from pliant.mechanics import mechanics_of
 
+AXIAL_STEPS: dict[type, dict[Any, Any]] = {symbols.AxialMemoryLaw: AXIAL}  # by the kind of hysteresis
+SPATIAL_AXIAL_STEPS: dict[type, dict[Any, Any]] = {symbols.AxialMemoryLaw: SPATIAL_AXIAL}
+
 
 def turn_matrix(x, y, z, R):  # type: ignore[no-untyped-def]  # a kernel
     """Write the rotation matrix of the rotation vector (x, y, z) [rad] to `R` (3, 3). The vector's length is at most 4
@@ -50,7 +53,7 @@ class ExtensibleText(Text):
 
     @property
     def instead(self) -> dict[Any, Any]:
-        return {motion.step: extension.step} | (AXIAL if self.model.memory.has_axial else {})
+        return {motion.step: extension.step} | AXIAL_STEPS.get(type(self.given.memory), {})
 
     def update(self) -> str:
         """Return the source of the C function that computes inertia and springs from the parameters."""
@@ -86,7 +89,18 @@ class SpatialText(Text):
     @property
     def instead(self) -> dict[Any, Any]:
         pulled = dict.fromkeys((motion.step, spatial.step), tendon.step) if self.model.actuation.tendons else {}
-        return SPATIAL | (SPATIAL_AXIAL if self.model.memory.has_axial else {}) | pulled
+        return SPATIAL | SPATIAL_AXIAL_STEPS.get(type(self.given.memory), {}) | pulled
+
+    def held_springs(self, writer: CWriter, springs: Any, rows: dict[str, Any]) -> Any:  # noqa: ARG002  of the interface
+        return springs._replace(theta0=writer.scratch("held_theta0", (self.model.size,)))
+
+    def joint_angles(self) -> str:
+        """Return the source of the C function that copies all joint coordinates."""
+        w = self.writer()
+        for i in range(self.model.size):
+            w.say(f"q[{i}] = {self.phi[i]};")
+        w.say("(void)p;")
+        return self.reading("joint_angles", f"q[{self.model.size}]", w)
 
     def update(self) -> str:
         """Return the source of the C function that computes springs, inertia and rest frames from the parameters."""

@@ -18,9 +18,10 @@ from pliant.batch.stepper import BatchStepper, batch_stepper
 from pliant.errors import InputError
 from pliant.exporters.jax_batch import JaxBodies
 from pliant.exporters.randomisation import Fit, draw_models
-from pliant.exporters.targets import CurveOfTargets, EpisodeTargets, SurfaceOfTargets, Tips, highest_inputs
+from pliant.exporters.targets import EpisodeTargets, Tips, highest_inputs, targets_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
+from pliant.model.features import IN_SPACE, LENGTHENS, RESTING, Consumer
 from pliant.model.file import model_of
 from pliant.testbed.fibre import FibreSensor
 
@@ -86,6 +87,11 @@ except ImportError:
 
 Array = np.ndarray
 LOST = -10.0  # reward if the simulation becomes unstable
+FIBRE = Consumer(
+    "observe='fibre'", RESTING - IN_SPACE - LENGTHENS,
+    remedy=dict.fromkeys(IN_SPACE | LENGTHENS, "use observe='perfect': a fibre measures joint angles in the plane of a "
+                         "body of constant length"),
+)  # fmt: skip
 ENGINES: dict[str, Callable[[Sequence[Model], int, float], BatchStepper]] = {"pliant": batch_stepper, "jax": JaxBodies}
 
 
@@ -158,7 +164,7 @@ class TipVectorEnv(VectorEnv[Array, Array, Array]):
                 f"the period of {t.period:.3g} s between actions must exceed the latency of the fibre: use a longer "
                 "period"
             )
-        kind = SurfaceOfTargets if self.model.space else CurveOfTargets
+        kind = targets_of(self.model)
         self._targets: EpisodeTargets = kind(self.model, self.highest)
         self._elapsed, self._done = np.zeros(num_envs, dtype=int), np.zeros(num_envs, dtype=bool)
         self._address, self._target = np.zeros((num_envs, kind.width)), np.zeros((num_envs, chain.dimension))
@@ -299,9 +305,8 @@ def checked_task(task: EpisodeTask, model: Model) -> EpisodeTask:
         raise InputError(f"observe must be 'perfect' or 'fibre', got {task.observe!r}")
     if task.engine not in ENGINES:
         raise InputError(f"engine must be 'pliant' or 'jax', got {task.engine!r}")
-    if task.observe == "fibre" and (model.space or model.extensions):
-        raise InputError("observe='fibre' measures joint angles in the plane of a body of constant length, which model "
-                         f"{model.name!r} is not: use observe='perfect'")  # fmt: skip
+    if task.observe == "fibre":
+        FIBRE.check(model)
     if not (0 < task.time_step <= task.period <= task.duration and task.bodies >= 1):
         raise InputError(f"a task needs 0 < time_step <= period <= duration and bodies >= 1, got {task}")
     return task

@@ -82,7 +82,7 @@ def rest_states(models: Sequence[Model]) -> list[Array]:
     for model in models:
         none = np.zeros(model.actuation.count)
         q = state.equilibrium(model, none)
-        memory = state.relaxed(model, q) if model.memory else np.zeros((0, 0))
+        memory = state.relaxed_as_stored(model, q)
         x = mechanics_of(model).coordinates(q)
         rows.append((x, 0.0 * x, memory, none, model.actuation.rest_state(none), np.zeros(())))
     return [np.stack(column) for column in zip(*rows, strict=True)]

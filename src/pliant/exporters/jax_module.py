@@ -26,7 +26,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.actuation_input import ActuationInput
 from pliant.model.extensible import tied_joints
-from pliant.model.features import FIRST_ORDER, RESTING, VALVES
+from pliant.model.features import FIRST_ORDER, RESTING, VALVES, named
 from pliant.model.parts import declared
 from pliant.simulation import state
 
@@ -43,6 +43,12 @@ KNOWN_LAWS = ("saturating",)  # those that `jax_source.inputs.lever` computes be
 FORM = 5  # column of a chamber's constants that holds the number of its torque law
 
 
+CHOICES = (  # features, the file that expresses them, and the one for models without them
+    (("space",), "space", "plane"), (("tendons",), "tendons", "untied"),
+    (("creep", "slip", "boucwen", "axial_memory"), "hysteresis", "forgetful"),
+)
+
+
 def exported_parameters(model: Model) -> dict[str, Array]:
     """Return the parameters of the exported module as {name: array}, in SI units."""
     values = parameters(model)
@@ -50,7 +56,7 @@ def exported_parameters(model: Model) -> dict[str, Array]:
     columns = dict(zip(VALVE, values["valve"].T, strict=True))
     if any(c.swell_share or c.inflation_limit for c in model.chambers):
         columns |= dict(zip(RUBBER, values["rubber"].T, strict=True))
-    if model.memory.boucwen_share:
+    if named(model, ("boucwen",)):
         columns |= dict(zip(BOUCWEN, values["boucwen"], strict=True))
     return {k: np.array(v, dtype=float) for k, v in (plain | columns).items()}
 
@@ -67,14 +73,14 @@ def units(model: Model) -> dict[str, str]:
 def structure(model: Model) -> dict[str, str]:
     """Return the constants of `jax_source.structure` for a model, as Python expressions by their names."""
     chain, memory = mechanics_of(model), model.memory
-    remembering, columns = state.relaxed(model, np.zeros(model.size)).shape if memory else (0, 0)
+    remembering, columns = chain.memory_shape
     counts = len(memory.creep_share), len(memory.slip_share), int(memory.boucwen_share > 0)
     axial = len(memory.axial_creep_share), len(memory.axial_slip_share)
     curved = bool(chain.axial_laws & CURVED)
     points = [(p.along, p.across, p.aside) for p in model.points]
     return {
         "LINKS": repr(model.n), "SEGMENTS": repr(len(model.extensions)),
-        "TURNS": repr(model.space.turns if model.space else 1), "ROD": repr(model.mass_at == "rod"),
+        "TURNS": repr(model.turns), "ROD": repr(model.mass_at == "rod"),
         "SPRING_TERMS": repr(tuple(SPRING_TERMS)), "SPRING_BOUND": repr(SPRING_BOUND), "CURVED": repr(curved),
         "TIED": table(tied_joints(model) if curved else np.zeros((model.n, 0))), "BRANCHES": repr(counts),
         "AXIAL_BRANCHES": repr(axial), "REMEMBERING": repr(remembering), "COLUMNS": repr(columns),
@@ -152,8 +158,7 @@ def chamber_kinds(chambers: tuple[ActuationInput, ...]) -> tuple[Any, ...]:
 
 def sources(model: Model) -> list[str]:
     """Return the files of `jax_source` that a model needs, in the order in which they are joined."""
-    body = "space" if model.space else "plane"
-    cords, past = "tendons" if model.actuation.tendons else "untied", "hysteresis" if model.memory else "forgetful"
+    body, cords, past = (file if named(model, keys) else other for keys, file, other in CHOICES)
     return ["structure", "numerics", "springs", body, "inputs", "beginning", cords, past, "motion"]
 
 

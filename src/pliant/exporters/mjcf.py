@@ -39,6 +39,7 @@ from pliant.exporters.rigid_chain import (
 from pliant.files import write_text
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model
+from pliant.model.features import named
 from pliant.simulation.state import equilibrium
 from pliant.text import identifiers
 
@@ -428,7 +429,7 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
             "equality constraints couple the slides of a segment that lengthens: simulate with Euler or RK4, since "
             "MuJoCo's implicit integrators follow them at short steps only"
         )
-    if model.space:
+    if named(model, ("space",)):
         provenance.messages.append(
             "each joint in space is written as two successive hinges: when the body bends by half a radian, evenly or "
             f"by one input, the tip at rest differs by up to {1e3 * hinge_difference(model):.2g} mm from the model's"

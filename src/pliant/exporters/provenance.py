@@ -14,13 +14,11 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.exporters.difference import Difference
 from pliant.files import content_of
+from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.file import model_to_dict, unit_of
 from pliant.text import Form, escaped
 from pliant.version import __version__
-
-FRAME = "base at the origin, its tangent along +y, the body in the x-y plane; positive angles bend towards -x"
-SPACE_FRAME = "base at the origin, its tangent along +z"
 
 
 class Uncertainty(NamedTuple):
@@ -99,7 +97,7 @@ def frame_of(model: Model) -> str:
     if set(model.actuation.kinds) != {"pressure"}:
         units = (unit.replace("Pa", "Pa gauge") for unit in model.actuation.units)
         inputs = f"inputs: {', '.join(f'{n} [{u}]' for n, u in zip(model.actuation.names, units, strict=True))}"
-    return f"{SPACE_FRAME if model.space else FRAME}; {inputs}"
+    return f"{mechanics_of(model).frame}; {inputs}"
 
 
 def command_of(source: Sequence[str], target: str, path: Path, options: Mapping[str, Any], *, approximate: bool) -> str:

@@ -8,14 +8,14 @@ twists cancel along the body.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
 from pliant.errors import SimulationError
-from pliant.mechanics import Mechanics, mechanics_of
-from pliant.mechanics.spatial import link_inertias
+from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.mechanics.springs import springs_of
 from pliant.model import Model, Station
 from pliant.simulation.state import equilibrium, first_alone, typical_pressure
@@ -109,8 +109,8 @@ class RigidChain(NamedTuple):
 def rigid_chain(model: Model) -> RigidChain:
     """Return the rigid bodies, hinges and slides that represent a model."""
     turns, tangent = mechanics_of(model).rest_turns, mechanics_of(model).base_tangent
-    masses, centre, across, along = inertias(model)
-    hinges = hinges_of(model)
+    masses, centre, across, along = mechanics_of(model).link_inertias()
+    hinges = HINGES[type(mechanics_of(model))](model)
     starts = [model.base_length, *model.link_length[:-1]]
     links = tuple(
         RigidLink(
@@ -158,7 +158,7 @@ def carrier_of(model: Model, chain: RigidChain, point: Station) -> tuple[str, Ar
     A point at the joint of a link that lengthens, in its middle or at its end moves with a body that is there; any
     other gets a slide of its own, which the body at the joint carries.
     """
-    body, position = f"link_{point.link + 1}" if point.link >= 0 else "base", point_of(model, point)
+    body, position = f"link_{point.link + 1}" if point.link >= 0 else "base", mechanics_of(model).offset(point)
     slides = chain.base_slides if point.link < 0 else chain.links[point.link].slides
     aside = position - point.along * chain.tangent
     if not slides or abs(point.along) <= ON * slides[-1].place:
@@ -170,37 +170,28 @@ def carrier_of(model: Model, chain: RigidChain, point: Station) -> tuple[str, Ar
     return body, aside, Slide(f"point_{point.name}", point.along, point.along, growth, LIGHT)
 
 
-def inertias(model: Model) -> tuple[Array, Array, Array, Array | None]:
-    """Return masses [kg], centres of mass [m], lateral and axial moments of inertia [kg m^2] of n links, each (n,).
+def planar_hinges(model: Model) -> list[Hinge]:
+    """Return the hinges of all joints of a planar model, from base to tip."""
+    chain, powers = mechanics_of(model), springs_of(model).powers
+    return [hinge(chain, i, 2, i)._replace(springs=np.trim_zeros(powers[:, i], "b")) for i in range(model.n)]
 
-    The moments are about the centres of mass. In a plane the moments along the links are None.
+
+def spatial_hinges(model: Model) -> list[Hinge]:
+    """Return the hinges of all joints of a model in space, from base to tip.
+
+    Each joint has a hinge about x, then y; in the second and third of every four joints y comes before x.
     """
-    if model.space:
-        return link_inertias(model, model.space.radius)
-    rod = model.mass_at == "rod"
-    m, l = np.array(model.link_mass), model.link_length
-    middle = 0.5 * l if rod else np.array(l)
-    cap = np.append(np.zeros(model.n - 1), model.tip_mass)
-    centre = (m * middle + cap * l) / (m + cap)
-    across = m * l**2 / 12.0 * rod + m * (middle - centre) ** 2 + cap * (l - centre) ** 2
-    across[-1] += model.tip_inertia
-    return m + cap, centre, across, None
-
-
-def hinges_of(model: Model) -> list[Hinge]:
-    """Return the hinges of all joints of a model, from base to tip.
-
-    In space each joint has a hinge about x, then y; in the second and third of every four joints y comes before x.
-    """
-    chain, n = mechanics_of(model), model.n
-    if not model.space:
-        powers = springs_of(model).powers
-        return [hinge(chain, i, 2, i)._replace(springs=np.trim_zeros(powers[:, i], "b")) for i in range(n)]
+    chain, n = SpatialChain(model), model.n
     rows = []
     for i in range(n):
         rows += [hinge(chain, 2 * i + axis, axis, i) for axis in ((1, 0) if i % 4 in (1, 2) else (0, 1))]
-        rows += [hinge(chain, 2 * n + i, 2, i)] if model.space.turns == 3 else []
+        rows += [hinge(chain, 2 * n + i, 2, i)] if chain.space.turns == 3 else []
     return rows
+
+
+HINGES: dict[type[Mechanics], Callable[[Model], list[Hinge]]] = {
+    PlanarChain: planar_hinges, SpatialChain: spatial_hinges,
+}
 
 
 def hinge(chain: Mechanics, row: int, axis: int, link: int) -> Hinge:
@@ -218,13 +209,6 @@ def moments(chain: RigidChain, link: RigidLink, size: float) -> Array:
     """
     along = max(min(0.5 * link.mass * size**2, 2.0 * link.across), TINY) if link.along is None else link.along
     return np.where(chain.tangent > 0, along, link.across)
-
-
-def point_of(model: Model, point: Station) -> Array:
-    """Return the position (3,) [m] of an observed point in the frame of its link."""
-    if model.space:
-        return np.array([point.aside, -point.across, point.along])
-    return np.array([-point.across, point.along, 0.0])
 
 
 def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
@@ -273,7 +257,7 @@ def rest_of_hinges(model: Model, hinges: RigidChain, x: Array, torque: Array) ->
     Springs and inputs give the same torques in both chains, the weight does not. By Newton's method with the slope of
     the body's forces.
     """
-    if model.extensions or not model.gravity.any():
+    if mechanics_of(model).lengthens or not model.gravity.any():
         return x
     chain, moved = mechanics_of(model), x.copy()
     steps = STEP * np.eye(model.size)

@@ -10,8 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from pliant.errors import InputError, SimulationError
-from pliant.mechanics import mechanics_of
-from pliant.mechanics.spatial import SpatialChain
+from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import Model
 from pliant.simulation import state
 from pliant.simulation.state import first_alone, typical_pressure
@@ -35,13 +34,7 @@ def highest_inputs(model: Model, highest: float | Sequence[float]) -> Array:
         if levels.shape == () and len(set(units)) > 1:
             raise InputError(f"the inputs have several units: give one highest value for each, in {', '.join(units)}")
         return np.broadcast_to(levels, (count,)).copy()
-    if model.space is None:
-        values = np.full(count, 2.0 * typical_pressure(model))
-    else:
-        values = np.array([2.0 * typical_pressure(model, k) for k in range(count)])
-        for unit in set(model.actuation.units):
-            same = np.array([u == unit for u in model.actuation.units])
-            values[same & (values == 0.0)] = values[same].max()
+    values = targets_of(model).highest(model)
     if not (values > 0).all():
         raise InputError(
             "pressure does not bend this model, so that it reaches no target: use a model whose chambers have a torque"
@@ -68,6 +61,11 @@ class CurveOfTargets:
 
     width = 1
 
+    @staticmethod
+    def highest(model: Model) -> Array:
+        """Return the highest values (C,) of C inputs by default: twice the typical pressure of the first."""
+        return np.full(model.actuation.count, 2.0 * typical_pressure(model))
+
     def __init__(self, model: Model, highest: Array) -> None:
         tips = []
         for level in np.linspace(0.0, PART * highest[0], 33):
@@ -91,6 +89,17 @@ class SurfaceOfTargets:
     """Targets in space: tips under the inputs `input_pattern`. An address is a level and a phase."""
 
     width = 2
+
+    @staticmethod
+    def highest(model: Model) -> Array:
+        """Return the highest values (C,) of C inputs by default: twice the typical value of each or, for an input that
+        bends nothing alone, the largest of its unit.
+        """
+        values = np.array([2.0 * typical_pressure(model, k) for k in range(model.actuation.count)])
+        for unit in set(model.actuation.units):
+            same = np.array([u == unit for u in model.actuation.units])
+            values[same & (values == 0.0)] = values[same].max()
+        return values
 
     def __init__(self, model: Model, highest: Array) -> None:
         start = tip_at_rest(model, 0.0 * highest)
@@ -118,6 +127,16 @@ class SurfaceOfTargets:
     def moved(self, address: Array, turn: Array) -> Array:
         """Return the points (M, 3) [m] of targets whose phase advances by one in each turn, at a constant level."""
         return self.place(address + np.stack([0.0 * turn, turn / (2.0 * np.pi)], axis=1))
+
+
+TARGETS: dict[type[Mechanics], type[CurveOfTargets | SurfaceOfTargets]] = {
+    PlanarChain: CurveOfTargets, SpatialChain: SurfaceOfTargets,
+}
+
+
+def targets_of(model: Model) -> type[CurveOfTargets | SurfaceOfTargets]:
+    """Return the kind of targets of a model in the plane or in space."""
+    return TARGETS[type(mechanics_of(model))]
 
 
 def input_pattern(phase: Array, count: int) -> Array:

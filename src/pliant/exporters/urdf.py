@@ -116,14 +116,14 @@ def sliding(root: ET.Element, model: Model, bodies: RigidChain, slide: Slide, na
     turn, position = frame_of(bodies, parent, slide.step * bodies.tangent)
     movers = np.flatnonzero(slide.growth)
     for k, s in enumerate(movers):
-        last = k + 1 == len(movers)
-        name = slide.name if last else f"{slide.name}_{model.extensions[s].name}"
+        last, segment = k + 1 == len(movers), model.extensions[s].name
+        name = slide.name if last else f"{slide.name}_{segment}"
         joint = ET.SubElement(root, "joint", name=f"{prefix}{name}", type="prismatic")
         ET.SubElement(joint, "origin", xyz=number(*position), rpy=number(*angles(turn)))
         ET.SubElement(joint, "parent", link=f"{prefix}{parent}")
         ET.SubElement(joint, "child", link=f"{prefix}{name}")
         ET.SubElement(joint, "axis", xyz=number(*bodies.tangent))
-        strain, growth = f"{prefix}strain_{model.extensions[s].name}", float(slide.growth[s])
+        strain, growth = f"{prefix}strain_{segment}", float(slide.growth[s])
         ET.SubElement(joint, "mimic", joint=strain, multiplier=number(growth), offset="0")
         low, high = (growth * bound for bound in STRAINS)
         ET.SubElement(joint, "limit", lower=number(low), upper=number(high), effort="0", velocity="1000")

@@ -18,7 +18,7 @@ from pliant.identification.plans import ModelAt, Plans
 from pliant.identification.poses import pose_inputs
 from pliant.identification.starts import StartState
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Station, fixed_length
+from pliant.model import Model, Station
 from pliant.simulation import Pulse, equilibrium
 from pliant.simulation.base_motion import check_base, resting_load
 from pliant.simulation.drive import Drive, driven, laid_out
@@ -185,11 +185,6 @@ def held_angles(model_at: ModelAt, exp: Experiment, params: Mapping[str, float],
     """
     model = model_at.model
     if exp.held is not None:
-        if not model.space:
-            fixed_length(
-                model, f"experiment {exp.name}: a measured held pose needs a body of fixed length, but the model "
-                f"{model.name!r} is extensible: leave out held (as measured), or the model's extensions",
-            )
         chain = chain_of(model, observed_points(model_at, exp))
         return pose_through(chain, exp.held - shift_of(params, exp), plans.poses)
     if "hold_force" in params:

@@ -20,7 +20,7 @@ import numpy as np
 
 from pliant.errors import SimulationError
 from pliant.mechanics import Mechanics, mechanics_of
-from pliant.model import Model, Station, fixed_length
+from pliant.model import Model, Station
 
 Array = np.ndarray
 STAGES = 12
@@ -42,10 +42,9 @@ def pose_through(chain: Mechanics, positions: Array, cache: dict[Any, Any], cent
     minimum (implicit function theorem).
     """
     model, centre = chain.model, np.zeros(chain.size) if centre is None else centre
-    turned = [model.space.rest_turn, model.space.base_tilt] if model.space else [model.rest_angle]
     points = np.array([p[1:] for p in model.stations], dtype=float)
-    key_values = np.concatenate([[model.base_length, model.base_angle], model.link_length, points.ravel(),
-                            prior_weights(chain), centre, *(a.ravel() for a in (*turned, positions))])  # fmt: skip
+    key_values = np.concatenate([[model.base_length], model.link_length, points.ravel(),
+                            prior_weights(chain), centre, chain.rest_turns.ravel(), positions.ravel()])  # fmt: skip
     if (key := key_values.tobytes()) not in cache:
         latest = cache.get("latest", key_values[:0])
         near = latest.size == key_values.size and np.abs(key_values - latest).max() < SAME_POSE
@@ -56,8 +55,8 @@ def pose_through(chain: Mechanics, positions: Array, cache: dict[Any, Any], cent
 
 
 def chain_of(model: Model, stations: list[Station]) -> Mechanics:
-    """Return the mechanics of a chain that carries S points; one in a plane must have a fixed length."""
-    return mechanics_of((model if model.space else fixed_length(model)).with_(stations=tuple(stations)))
+    """Return the mechanics of a chain that carries S points."""
+    return mechanics_of(model.with_(stations=tuple(stations)))
 
 
 def solved_pose(model: Model, stations: list[Station], positions: Array) -> Array:

@@ -181,12 +181,13 @@ def apply(model: Model, values: Mapping[str, float], cache: dict[Any, ActuationI
     changes = body_changes(model, values)
     changes |= extension_parameters.stiffened(model, values)
     changes |= memory_changes(model, values)
-    chambers = changed_chambers(model, values, {} if cache is None else cache)
-    if any(a is not b for a, b in zip(chambers, model.chambers, strict=True)):
-        changes["chambers"] = chambers
-    extensions = extension_parameters.changed_extensions(changes.get("extensions", model.extensions), values)
-    if extensions != model.extensions:
-        changes["extensions"] = extensions
+    stiffened = changes.pop("extensions", model.extensions)
+    parts = {
+        "chambers": changed_chambers(model, values, {} if cache is None else cache),
+        "extensions": extension_parameters.changed_extensions(stiffened, values),
+        "space": space_parameters.changed_space(model, values),
+    }
+    changes |= {name: part for name, part in parts.items() if part != getattr(model, name)}
     if "gravity_angle" in values:
         changes["gravity"] = turned_gravity(model, values["gravity_angle"])
     stated = [values.get(f"gravity_{axis}") for axis in "xyz"[: model.gravity.size]]
@@ -195,8 +196,6 @@ def apply(model: Model, values: Mapping[str, float], cache: dict[Any, ActuationI
         changes["gravity"] = np.array([old if g is None else g for old, g in zip(before, stated, strict=True)])
     if "mass" in values:
         changes["link_mass"] = model.link_mass * (values["mass"] / model.link_mass.sum())
-    if (space := space_parameters.changed_space(model, values)) is not model.space:
-        changes["space"] = space
     changes |= moved_stations(model, values)
     return model.with_(**changes) if changes else model
 

@@ -4,19 +4,46 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.identification.names import path_of, paths
+from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import Model, Space
+from pliant.model.features import named
 from pliant.model.parts import SPACE, fitted
 from pliant.model.quantity import scalars
 
 RATIOS = tuple(name for name in scalars(Space) if name in fitted(SPACE))
 PLANAR: tuple[str, ...] = ("rest_angle", "gravity_angle", "base_angle", "base_turn", "joint_share")
 IN_SPACE: tuple[str, ...] = ("base_z", "gravity_z", "gain_x", "gain_y", "cross_gain", "aside")
+
+
+class Foreign(NamedTuple):
+    """Parameters that a kind of chain does not have.
+
+    Attributes
+    ----------
+    stems : tuple of str
+        Names without owner and number.
+    parts : tuple
+        Parts of the model whose fields they are.
+    kind, other : str
+        Where chains that have them move, and where those that do not.
+    """
+
+    stems: tuple[str, ...]
+    parts: tuple[Any, ...]
+    kind: str
+    other: str
+
+
+FOREIGN: dict[type[Mechanics], Foreign] = {
+    PlanarChain: Foreign(IN_SPACE, (SPACE,), "in space", "in a plane"),
+    SpatialChain: Foreign(PLANAR, (), "in a plane", "in space"),
+}
 
 
 def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:
@@ -57,14 +84,11 @@ def check_space_names(names: Iterable[str], model: Model) -> None:
     """Raise InputError for spatial parameters in a planar model, planar ones in a spatial model, or a twist ratio of a
     chain that cannot twist.
     """
-    wrong, kind, other = IN_SPACE, "in space", "in a plane"
-    if model.space is not None:
-        wrong, kind, other = PLANAR, "in a plane", "in space"
+    foreign = FOREIGN[type(mechanics_of(model))]
     for name in names:
         path = path_of(name)
-        if path.stem in wrong or (path.part is SPACE and model.space is None):
-            raise InputError(
-                f"parameter {name} needs a chain {kind}, but the model {model.name!r} is {other}: leave it out"
-            )
-        if path.stem == "twist_ratio" and model.space is not None and not model.space.twist_ratio:
+        if path.stem in foreign.stems or path.part in foreign.parts:
+            raise InputError(f"parameter {name} needs a chain {foreign.kind}, but the model {model.name!r} is "
+                             f"{foreign.other}: leave it out")  # fmt: skip
+        if path.stem == "twist_ratio" and not named(model, ("twist",)):
             raise InputError("parameter twist_ratio: this chain cannot twist; give the model a twist_ratio first")

@@ -6,7 +6,7 @@ rest shape, followed by the strains of segments that lengthen.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from functools import cached_property, partial
 from typing import Any, ClassVar, Self
 
@@ -15,15 +15,16 @@ import numpy as np
 from pliant.compiler.trace import CURVED, REMEMBERS
 from pliant.equations.symbols import Past, Sight, StepSlopes
 from pliant.mechanics.complex_slopes import complex_slopes
+from pliant.mechanics.naming import Naming
 from pliant.mechanics.reaction import BaseTwist
-from pliant.mechanics.records import CoordinateKind, Energy
+from pliant.mechanics.records import Energy
 from pliant.model import Model, Station
 from pliant.shapes import Float, Inexact
 
 Array = np.ndarray
 
 
-class Mechanics(ABC):
+class Mechanics(Naming):
     """Kinematics, forces and energies of a chain of n links with N coordinates, in the plane or in space. Paper: Eqs.
     (1)-(5).
 
@@ -96,6 +97,11 @@ class Mechanics(ABC):
 
     @property
     @abstractmethod
+    def shape_constants(self) -> dict[str, Any]:
+        """Parameters that only chains of this kind have, in SI units, by their names in exported code."""
+
+    @property
+    @abstractmethod
     def observed(self) -> Any:
         """Geometric constants of the chain, as the measurement kernels take them."""
 
@@ -111,6 +117,11 @@ class Mechanics(ABC):
     def acceleration(self) -> Any:
         """Return the kernel ``(x, v, torque, body, joints, work, a)``, which writes the accelerations a (N,)."""
 
+    @property
+    @abstractmethod
+    def simd(self) -> str:
+        """Name of the kernels that simulate several such chains in a SIMD vector: "plane", "space", or "" if none."""
+
     def acceleration_jacobian(self) -> Any:
         """Return the function ``(x, v, torque, body, joints, work, out)``, which writes the accelerations and their
         derivatives by x, v to `out`.
@@ -125,64 +136,6 @@ class Mechanics(ABC):
         """Sizes for which kernels are compiled: links, extensible segments and, in space, joint angles and tendons."""
 
     # coordinates
-
-    @cached_property
-    @abstractmethod
-    def names(self) -> tuple[str, ...]:
-        """Names of the N coordinates x that the kernels use, such as "phi_1" or "bend_x_1"."""
-
-    @cached_property
-    @abstractmethod
-    def rate_names(self) -> tuple[str, ...]:
-        """Names of the N rates v that the kernels use, such as "w_1" or "bend_rate_x_1"."""
-
-    @cached_property
-    @abstractmethod
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the N joint coordinates q (joint angles, then strains), such as "q_1"."""
-
-    @cached_property
-    @abstractmethod
-    def kinds(self) -> tuple[CoordinateKind, ...]:
-        """Groups of coordinates of the same kind (joint angles, strains), in the order of their rows in q."""
-
-    @property
-    def labels(self) -> dict[str, list[Any]]:
-        """Labels along each dataset dimension that belongs to coordinates: {"joint": [1, 2, ...], "segment": [...]}."""
-        return {kind.over: kind.labels for kind in self.kinds}
-
-    @property
-    def counted(self) -> str:
-        """The number of coordinates of each kind in words, such as "5 joint angles and 1 strain"."""
-        counts = ((len(kind.labels), kind.noun) for kind in self.kinds)
-        return " and ".join(f"{count} {noun}{'s' * (count > 1)}" for count, noun in counts)
-
-    @property
-    def lengthens(self) -> bool:
-        """Whether the actuator has segments that lengthen."""
-        return bool(self.model.extensions)
-
-    @property
-    def lever(self) -> Float[Array, " N"]:
-        """Factors (N,) from forces as stored in datasets to generalized forces [N m]: 1 for the torque [N m] of a joint
-        angle, the segment's length [m] for the axial force [N] of a strain.
-        """
-        lever = np.empty(self.size)
-        for kind in self.kinds:
-            lever[kind.rows] = kind.lever
-        return lever
-
-    def gathered(self, data: Any, which: int) -> Float[Array, "T N"]:
-        """Return one quantity of a dataset (the coordinates, their rates, the disturbances or the forces) for all N
-        coordinates at T instants, as an array (T, N).
-
-        `which` is the index of the quantity in `CoordinateKind.names`.
-        """
-        columns = [(kind.rows, np.asarray(data[kind.names[which]])) for kind in self.kinds]
-        values = np.empty((len(columns[0][1]), self.size))
-        for rows, column in columns:
-            values[:, rows] = column
-        return values
 
     def variables(self, x: Float[Array, "T N"], v: Float[Array, "T N"]) -> dict[str, tuple[tuple[str, ...], Array]]:
         """Return a motion as dataset variables {name: (dimensions, values)}, from coordinates x and rates v (T, N) over
@@ -260,6 +213,13 @@ class Mechanics(ABC):
     def remembering(self) -> int:
         """Number of the first coordinates that have hysteresis states: joint angles, strains if segments have them."""
 
+    @property
+    def memory_shape(self) -> tuple[int, int]:
+        """Numbers of coordinates with hysteresis and of states of each, (0, 0) for a body without hysteresis."""
+        memory = self.model.memory
+        columns = max(len(memory.labels), len(memory.axial.labels)) + (not memory.boucwen_share)
+        return (self.remembering, columns) if memory else (0, 0)
+
     @abstractmethod
     def held(self) -> Any:
         """Return new scratch arrays for time steps of a chain whose joints have hysteresis states."""
@@ -272,6 +232,16 @@ class Mechanics(ABC):
     @abstractmethod
     def rest_turns(self) -> Float[Array, "n+1 3"]:
         """Rotation vectors (n + 1, 3) [rad] of the base part and of each joint in the rest shape."""
+
+    @abstractmethod
+    def total_bend(self, q: Float[Array, " N"]) -> float:
+        """Return the size [rad] of the sum of all joint angles q (N,), in space of both directions together."""
+
+    @abstractmethod
+    def with_rest_shape(self, q: Float[Array, " N"], tips: Float[Array, "n d"]) -> Model:
+        """Return the model with another shape at rest, such that its n link tips are at `tips` (n, 2 or 3) [m] at the
+        joint coordinates q (N,).
+        """
 
     # positions
 
@@ -359,6 +329,17 @@ class Mechanics(ABC):
     # forces and energies
 
     @abstractmethod
+    def lateral_force(
+        self, frame: Float[Array, "d d"], tangent: Float[Array, " d"], force: Float[Array, " d"],
+        covariance: Float[Array, "d d"],
+    ) -> tuple[float, float, Float[Array, " d"]]:
+        """Return the part of a force across a link [N], its standard deviation [N], and a unit vector (d,) across the
+        body's curve, whose unit `tangent` is (d,).
+
+        Force (d,) and covariance (d, d) refer to the axes of the link, the columns of `frame`, the last one along it.
+        """
+
+    @abstractmethod
     def inertia(self, x: Float[Array, " N"]) -> Float[Array, "N N"]:
         """Return the inertia matrix M (N, N) of the kernels' coordinates, at x (N,)."""
 
@@ -371,6 +352,18 @@ class Mechanics(ABC):
     @abstractmethod
     def no_loads(self) -> Array:
         """Return an array of zeros for external loads on the links, in the shape that the kernels take."""
+
+    @abstractmethod
+    def link_inertias(self) -> tuple[Array, Array, Array, Array | None]:
+        """Return mass [kg], centre of mass [m], lateral and axial moment of inertia [kg m^2] of the links, each (n,).
+        The values of the last link include the tip mass and its inertia.
+
+        The centre is measured from the joint, the moments are about it. In a plane there are no axial ones: None.
+        """
+
+    @abstractmethod
+    def offset(self, point: Station) -> Float[Array, " 3"]:
+        """Return the position (3,) [m] of an observed point in the frame of its link."""
 
     @abstractmethod
     def link_loads(self, points: list[Station], forces: Float[Array, "T P d"]) -> Array:

@@ -31,10 +31,11 @@ from pliant.errors import SimulationError
 from pliant.mechanics import springs
 from pliant.mechanics.contract import Mechanics
 from pliant.mechanics.lengths import check_lengths
+from pliant.mechanics.naming import PlanarNaming
 from pliant.mechanics.reaction import BaseTwist, planar_reaction, point_carried
-from pliant.mechanics.records import CoordinateKind, Energy, LinkFrames, link_coordinates, strain_kind
+from pliant.mechanics.records import Energy, LinkFrames, link_coordinates
 from pliant.mechanics.rest import loaded_rest
-from pliant.model import Station, fixed_length
+from pliant.model import Model, Station, fixed_length
 from pliant.model.extensible import extensible_inertia
 from pliant.model.inertia import inertia_constants
 from pliant.numerics.curve import tangents
@@ -42,7 +43,7 @@ from pliant.numerics.curve import tangents
 Array = np.ndarray
 
 
-class PlanarChain(Mechanics):
+class PlanarChain(PlanarNaming, Mechanics):
     """Kinematics, forces and energies of a chain of n rigid links in a plane, with S >= 0 segments that lengthen.
 
     Attributes
@@ -75,6 +76,10 @@ class PlanarChain(Mechanics):
         return np.array(self.model.stretch_share)
 
     # arguments of the kernels
+
+    @property
+    def shape_constants(self) -> dict[str, Any]:
+        return {"rest_angle": self.model.rest_angle, "base_angle": self.model.base_angle}
 
     @cached_property
     def body(self) -> Any:
@@ -116,6 +121,10 @@ class PlanarChain(Mechanics):
     def acceleration(self) -> Any:
         return twin(extension.acceleration if self.segments else motion.acceleration)
 
+    @property
+    def simd(self) -> str:
+        return "" if self.segments or self.model.memory else "plane"
+
     def acceleration_jacobian(self) -> Any:
         return super().acceleration_jacobian() if self.segments else twin(motion.acceleration_jacobian)
 
@@ -125,30 +134,6 @@ class PlanarChain(Mechanics):
         return self.n, self.segments, *laws
 
     # coordinates
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        return self._named("phi", "strain")
-
-    @cached_property
-    def rate_names(self) -> tuple[str, ...]:
-        return self._named("w", "strain_rate")
-
-    @cached_property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._named("q", "strain")
-
-    def _named(self, joint: str, segment: str) -> tuple[str, ...]:
-        turns = (f"{joint}_{i + 1}" for i in range(self.n))
-        return (*turns, *(f"{segment}_{e.name}" for e in self.model.extensions))
-
-    @cached_property
-    def kinds(self) -> tuple[CoordinateKind, ...]:
-        joints = CoordinateKind(
-            "joint", "joint angle", list(range(1, self.n + 1)), slice(0, self.n),
-            ("joint_angle", "joint_rate", "disturbance", "external_torque"), ("rad", "rad/s", "N m"), np.ones(self.n),
-        )
-        return (joints, *strain_kind(self.model))
 
     def coordinates(self, q: Array) -> Array:
         x = np.array(q, dtype=float)
@@ -203,6 +188,15 @@ class PlanarChain(Mechanics):
         rows |= {"K": joints.K.copy(), "theta0": joints.theta0.copy()}
         plain: Any = joints  # of a body that lengthens, with its `rest` empty
         return Held(springs=plain._replace(theta0=rows["theta0"], K=rows["K"]), **rows)
+
+    def total_bend(self, q: Array) -> float:
+        return float(abs(q.sum()))
+
+    def with_rest_shape(self, q: Array, tips: Array) -> Model:
+        joint = (1.0 + self.stretch_share[0] @ q[self.n :]) * self.model.first_joint
+        across = np.diff(tips, axis=0, prepend=joint[None])
+        angle = np.unwrap(np.arctan2(-across[:, 0], across[:, 1]))
+        return self.model.with_(rest_angle=np.diff(angle, prepend=self.model.base_angle) - q[: self.n])
 
     # positions
 
@@ -292,6 +286,11 @@ class PlanarChain(Mechanics):
 
     # forces and energies
 
+    def lateral_force(
+        self, frame: Array, tangent: Array, force: Array, covariance: Array,  # noqa: ARG002  of the interface
+    ) -> tuple[float, float, Array]:
+        return float(force[0]), float(np.sqrt(covariance[0, 0])), np.array([-tangent[1], tangent[0]])
+
     def inertia(self, x: Array) -> Array:
         M = np.zeros((self.size, self.size))
         if not self.segments:
@@ -314,6 +313,19 @@ class PlanarChain(Mechanics):
 
     def no_loads(self) -> Array:
         return np.zeros((self.n + 1, 4) if self.segments else (self.n, 2))
+
+    def link_inertias(self) -> tuple[Array, Array, Array, Array | None]:
+        model, rod = self.model, self.model.mass_at == "rod"
+        m, l = np.array(model.link_mass), model.link_length
+        middle = 0.5 * l if rod else np.array(l)
+        cap = np.append(np.zeros(model.n - 1), model.tip_mass)
+        centre = (m * middle + cap * l) / (m + cap)
+        across = m * l**2 / 12.0 * rod + m * (middle - centre) ** 2 + cap * (l - centre) ** 2
+        across[-1] += model.tip_inertia
+        return m + cap, centre, across, None
+
+    def offset(self, point: Station) -> Array:
+        return np.array([-point.across, point.along, 0.0])
 
     def link_loads(self, points: list[Station], forces: Array) -> Array:
         total = np.zeros((len(forces), *self.no_loads().shape))

@@ -31,6 +31,7 @@ class CoordinateKind(NamedTuple):
     rows: slice  # of coordinates, rates and generalised forces (N,)
     names: tuple[str, str, str, str]  # variables: coordinate, rate, disturbance, external force
     units: tuple[str, str, str]  # of coordinate, rate and force
+    memory: tuple[str, str, str]  # variables of hysteresis: states, force; the states' dimension
     lever: Array  # (k,) generalised force [N m] of one unit of this force
 
 
@@ -39,7 +40,7 @@ def strain_kind(model: Model) -> tuple[CoordinateKind, ...]:
     kind = CoordinateKind(
         "segment", "strain", [e.name for e in model.extensions], slice(model.size - len(model.extensions), model.size),
         ("axial_strain", "axial_strain_rate", "axial_disturbance", "external_axial_force"), ("1", "1/s", "N"),
-        model.segment_length,
+        ("axial_memory_state", "axial_memory_force", "axial_memory"), model.segment_length,
     )
     return (kind,) if model.extensions else ()
 

@@ -8,12 +8,13 @@ Strains (S,) of segments that lengthen follow.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from pliant.compiler.choose import twin
+from pliant.compiler.choose import MOST_TURNS, twin
 from pliant.compiler.trace import CURVED, FRICTION, TURNS, spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
@@ -25,16 +26,17 @@ from pliant.mechanics import springs
 from pliant.mechanics.complex_slopes import TINY, of_kind
 from pliant.mechanics.contract import Mechanics
 from pliant.mechanics.lengths import check_lengths, input_length
+from pliant.mechanics.naming import SpatialNaming
 from pliant.mechanics.reaction import BaseTwist, spatial_reaction
-from pliant.mechanics.records import CoordinateKind, Energy, strain_kind
+from pliant.mechanics.records import Energy
 from pliant.mechanics.rest import BUCKLES, GROWING, settling
-from pliant.model import Model, Space, Station
+from pliant.model import Model, Station
 from pliant.model.extensible import tied_joints
 
 Array = np.ndarray
 
 
-class SpatialChain(Mechanics):
+class SpatialChain(SpatialNaming, Mechanics):
     """Kinematics, forces and energies of a chain of n rigid links in space, with S >= 0 segments that lengthen.
 
     The base tangent is +z.
@@ -52,16 +54,18 @@ class SpatialChain(Mechanics):
         return self.size - len(self.model.extensions)
 
     @cached_property
-    def space(self) -> Space:
-        """Properties of the model that exist only in space, such as radius, stiffness ratios and base tilt."""
-        return self.model.space or Space()
-
-    @cached_property
     def length(self) -> Array:
         """Unstretched lengths (n + 1,) [m] of the rigid part before the first joint and of the n links."""
         return np.append(self.model.base_length, self.model.link_length)
 
     # arguments of the kernels
+
+    @property
+    def shape_constants(self) -> dict[str, Any]:
+        space = self.space
+        twist = {"twist_ratio": space.twist_ratio} if space.turns == 3 else {}
+        return {"rest_turn": space.rest_of(self.n), "base_tilt": space.base_tilt, "radius": space.radius,
+                "stiffness_ratio": space.stiffness_ratio, "tied": self.joints.tied, **twist}  # fmt: skip
 
     @cached_property
     def body(self) -> SpatialBody:
@@ -71,7 +75,7 @@ class SpatialChain(Mechanics):
         base = rotation(space.base_tilt)
         tendons = model.actuation.levers, *model.actuation.tendon_constants, self._beyond()
         behind = *tendons, np.array(model.stretch_share), np.zeros((2 if model.moving_base else 0, 3))
-        return SpatialBody(self.length, *link_inertias(model, space.radius), rest, base, gx, gy, gz, *behind)
+        return SpatialBody(self.length, *self.link_inertias(), rest, base, gx, gy, gz, *behind)
 
     def _beyond(self) -> Array:
         """Return the fraction (N, n + 1) of each coordinate's path length that lies beyond the entry into the body,
@@ -118,42 +122,16 @@ class SpatialChain(Mechanics):
         return twin(tendon.accelerate)
 
     @property
+    def simd(self) -> str:
+        iterated = self.model.memory or self.model.moving_base or self.model.actuation.tendons
+        return "" if iterated or self.size > MOST_TURNS else "space"
+
+    @property
     def sizes(self) -> tuple[int, ...]:
         laws = self.axial_laws + TURNS * self.model.moving_base + FRICTION * bool(self.model.memory)
         return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.levers), laws
 
     # coordinates
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        return self._named("bend", "twist", "strain")
-
-    @cached_property
-    def rate_names(self) -> tuple[str, ...]:
-        return self._named("bend_rate", "twist_rate", "strain_rate")
-
-    @cached_property
-    def joint_names(self) -> tuple[str, ...]:
-        return self.names
-
-    def _named(self, bend: str, twist: str, strain: str) -> tuple[str, ...]:
-        bends = [f"{bend}_{axis}_{k + 1}" for k in range(self.n) for axis in "xy"]
-        twists = [f"{twist}_{k + 1}" for k in range(self.n) if self.space.turns == 3]
-        return (*bends, *twists, *(f"{strain}_{e.name}" for e in self.model.extensions))
-
-    @cached_property
-    def kinds(self) -> tuple[CoordinateKind, ...]:
-        n, labels = self.n, list(range(1, self.n + 1))
-        rows = {"x": slice(0, 2 * n, 2), "y": slice(1, 2 * n, 2), "twist": slice(2 * n, 3 * n)}
-        turns = tuple(
-            CoordinateKind(
-                "joint", "joint twist" if axis == "twist" else f"joint angle about {axis}", labels, rows[axis],
-                (f"joint_angle_{axis}", f"joint_rate_{axis}", f"disturbance_{axis}", f"external_torque_{axis}"),
-                ("rad", "rad/s", "N m"), np.ones(n),
-            )
-            for axis in ("x", "y", "twist")[: self.space.turns]
-        )
-        return (*turns, *strain_kind(self.model))
 
     def coordinates(self, q: Array) -> Array:
         return np.array(q, dtype=float)
@@ -198,6 +176,27 @@ class SpatialChain(Mechanics):
         line = np.zeros((m, 3))
         springs = self.joints._replace(theta0=np.zeros(size), line=line)
         return SpatialHeld(np.zeros(size), np.zeros(size), np.zeros(m), line, springs)
+
+    def total_bend(self, q: Array) -> float:
+        return float(np.linalg.norm(q[: 2 * self.n].reshape(-1, 2).sum(axis=0)))
+
+    def with_rest_shape(self, q: Array, tips: Array) -> Model:
+        """Return the model with other rest rotations, such that its n link tips are at `tips` (n, 3) [m] at the joint
+        coordinates q (N,). Each changes as little as possible, because tips do not show twist.
+        """
+        from scipy.spatial.transform import Rotation
+
+        R, turns = self.posed(q).R, self.space.rest_of(self.n)
+        whole = R[0]
+        for k, direction in enumerate(np.diff(tips, axis=0, prepend=self.nodes(q)[None, 1])):
+            turn = R[k].T @ R[k + 1]  # the rest turn, and the joint's turn behind it
+            before, after = turn[:, 2], whole.T @ (direction / np.linalg.norm(direction))
+            axis = np.cross(before, after)
+            size = float(np.linalg.norm(axis))
+            more = rotation(axis * (np.arctan2(size, before @ after) / size if size else 0.0))
+            turns[k] = Rotation.from_matrix(more @ rotation(turns[k])).as_rotvec()
+            whole = whole @ more @ turn
+        return self.model.with_(space=replace(self.space, rest_turn=turns))
 
     # positions
 
@@ -284,6 +283,16 @@ class SpatialChain(Mechanics):
 
     # forces and energies
 
+    def lateral_force(
+        self, frame: Array, tangent: Array, force: Array, covariance: Array,
+    ) -> tuple[float, float, Array]:
+        size = float(np.linalg.norm(force[:2]))
+        towards = force[:2] / max(size, 1e-300)
+        across = frame[:, :2] @ force[:2]
+        across -= (across @ tangent) * tangent
+        deviation = float(np.sqrt(towards @ covariance[:2, :2] @ towards))
+        return size, deviation, across / max(float(np.linalg.norm(across)), 1e-300)
+
     def inertia(self, x: Array) -> Array:
         work, M = self.posed(x), np.zeros((self.size, self.size))
         spatial.inertia(0.0, self.body, work, M)
@@ -299,10 +308,29 @@ class SpatialChain(Mechanics):
     def no_loads(self) -> Array:
         return np.zeros((self.n + 1, 3, 5))
 
+    def link_inertias(self) -> tuple[Array, Array, Array, Array]:
+        """Return mass [kg], centre of mass [m], lateral and axial moment of inertia [kg m^2] of n uniform round rods,
+        each (n,).
+
+        The values of the last link include the tip mass and its inertia, those of a flat disc, whose thickness does
+        not grow with the link.
+        """
+        model, radius, length, mass = self.model, self.space.radius, self.model.link_length, self.model.link_mass
+        centre, lateral, axial = 0.5 * length, mass * (length**2 / 12.0 + radius**2 / 4.0), 0.5 * mass * radius**2
+        rod, total = mass[-1], mass[-1] + model.tip_mass
+        lateral[-1] += rod * model.tip_mass / total * (length[-1] - centre[-1]) ** 2
+        centre[-1] = (rod * centre[-1] + model.tip_mass * length[-1]) / total
+        lateral[-1] += model.tip_inertia
+        axial[-1] += 2.0 * model.tip_inertia
+        return np.append(mass[:-1], total), centre, lateral, axial
+
+    def offset(self, point: Station) -> Array:
+        return np.array([point.aside, -point.across, point.along])
+
     def link_loads(self, points: list[Station], forces: Array) -> Array:
         total = np.zeros((len(forces), *self.no_loads().shape))
         for f, p in enumerate(points):
-            total[:, p.link + 1] += forces[:, f, :, None] * np.array([p.aside, -p.across, p.along, 1.0, 0.0])
+            total[:, p.link + 1] += forces[:, f, :, None] * np.append(self.offset(p), [1.0, 0.0])
         return total
 
     def uniform_loads(self, field: Array) -> Array:
@@ -407,23 +435,6 @@ def known_rotation(vector: tuple[float, ...]) -> Array:
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_rotvec(np.array(vector)).as_matrix())
-
-
-def link_inertias(model: Model, radius: float) -> tuple[Array, Array, Array, Array]:
-    """Return mass [kg], centre of mass [m], lateral and axial moment of inertia [kg m^2] of n links, each (n,). The
-    values of the last link include the tip mass and its inertia.
-
-    A link is a uniform round rod of the given `radius` [m]. The centre is measured from the joint [m], the moments are
-    about the centre of mass [kg m^2].
-    """
-    length, mass = model.link_length, model.link_mass
-    centre, lateral, axial = 0.5 * length, mass * (length**2 / 12.0 + radius**2 / 4.0), 0.5 * mass * radius**2
-    rod, total = mass[-1], mass[-1] + model.tip_mass
-    lateral[-1] += rod * model.tip_mass / total * (length[-1] - centre[-1]) ** 2
-    centre[-1] = (rod * centre[-1] + model.tip_mass * length[-1]) / total
-    lateral[-1] += model.tip_inertia
-    axial[-1] += 2.0 * model.tip_inertia  # a flat disc, whose thickness does not grow with the link
-    return np.append(mass[:-1], total), centre, lateral, axial
 
 
 def from_back(a: Array, axes: int) -> Array:

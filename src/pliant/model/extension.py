@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -62,6 +62,7 @@ class Extension:
     40.0
     """
 
+    most_stretch: ClassVar[float] = 0.6  # of the length, by which a body of segments reaches farther at most
     stiffness: Annotated[float, Quantity(
         "N", "EA of an extensible segment, force per strain", sign="positive", least=1e-9, most=1e12, lower=1e-6)]
     damping: Annotated[float, Quantity(

@@ -134,6 +134,17 @@ class Memory:
         return (*creep, *slip, *(("boucwen",) if self.boucwen_share else ()))
 
     @property
+    def coordinates(self) -> dict[str, list[str]]:
+        """Return the names of the states along each dimension of datasets that belongs to hysteresis; {} if none."""
+        joints = {"memory": list(self.labels)} if self else {}
+        return joints | ({"axial_memory": list(self.axial.labels)} if self.has_axial else {})
+
+    @property
+    def owners(self) -> str:
+        """Return what has hysteresis states, in words."""
+        return "joint and segment" if self.has_axial else "joint"
+
+    @property
     def instantaneous(self) -> float:
         """Stiffness that all hysteresis branches add before any of them slips or relaxes, divided by the joint's K."""
         return sum(self.creep_share) + sum(self.slip_share) + self.boucwen_share

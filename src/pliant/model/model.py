@@ -205,8 +205,7 @@ class Model(ModelParameters):
         """The inputs of the model: their number, kinds and units, and the joint torques and axial forces that they
         cause.
         """
-        turns = self.space.turns if self.space else 1
-        return Actuation(self.chambers, self.n, tuple(self.segment_length.tolist()), joints_inside(self), turns)
+        return Actuation(self.chambers, self.n, tuple(self.segment_length.tolist()), joints_inside(self), self.turns)
 
     @property
     def torque(self) -> Array:

@@ -22,6 +22,7 @@ from pliant.model.space import Space
 Array = np.ndarray
 MassAt = Literal["rod", "tip"]
 NONE: Any = 0.0  # for each joint
+BESIDE = 0.25  # of the body's length: reach of markers beside the axis
 
 
 class Station(NamedTuple):
@@ -130,11 +131,16 @@ class ModelParameters(Shown):
         return self.link_length.size
 
     @property
+    def turns(self) -> int:
+        """Number of angles of each joint: 1 in a plane, 2 in space, 3 if the chain twists."""
+        return self.space.turns if self.space else 1
+
+    @property
     def size(self) -> int:
         """Number N of coordinates: the angles of n joints (n in a plane, 2 n or 3 n in space) and the strains of S
         segments that lengthen.
         """
-        return self.link_length.size * (self.space.turns if self.space else 1) + len(self.extensions)
+        return self.link_length.size * self.turns + len(self.extensions)
 
     @cached_property
     def stretch_share(self) -> Array:
@@ -152,6 +158,13 @@ class ModelParameters(Shown):
     def length(self) -> float:
         """Length [m] of the actuator along its links, from the origin to the tip."""
         return float(self.base_length + self.link_length.sum())
+
+    @property
+    def reach(self) -> float:
+        """Distance [m] from the base that no observed point exceeds: the length and a quarter of it, for markers beside
+        the axis; if segments lengthen, 1.6 times the length.
+        """
+        return (1.0 + max([BESIDE, *(e.most_stretch for e in self.extensions)])) * self.length
 
     @property
     def mass(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from pliant.identification.drives import pressures_at
 from pliant.identification.experiment import Experiment
 from pliant.identification.names import path_of
 from pliant.identification.parameters import Parameter, shared_name
-from pliant.mechanics import mechanics_of
+from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import Model
 from pliant.model.parts import STATION
 from pliant.selection.determined import DETERMINED
@@ -49,13 +49,23 @@ def torque_names(model: Model) -> list[str]:
 
     A chamber in the plane that has a torque law other than a linear one keeps it.
     """
-    names = []
-    for start, chamber in zip(prefixes(model), model.chambers, strict=True):
-        if model.space is not None:
-            names += [f"{start}gain_{axis}" for axis in "xy"] if start else []
-        elif has_effect("torque_1", chamber) and not chamber.torque.any():
-            names.append(f"{start}torque_1")
-    return names
+    return TORQUE_NAMES[type(mechanics_of(model))](model)
+
+
+def gain_names(model: Model) -> list[str]:
+    """Return the names of the gains about x and y of each input of a model in space that has several."""
+    return [f"{start}gain_{axis}" for start in prefixes(model) if start for axis in "xy"]
+
+
+def coefficient_names(model: Model) -> list[str]:
+    """Return the names of the coefficients of linear torque laws of a model in a plane."""
+    chambers = zip(prefixes(model), model.chambers, strict=True)
+    return [f"{start}torque_1" for start, c in chambers if has_effect("torque_1", c) and not c.torque.any()]
+
+
+TORQUE_NAMES: dict[type[Mechanics], Callable[[Model], list[str]]] = {
+    PlanarChain: coefficient_names, SpatialChain: gain_names,
+}
 
 
 def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:

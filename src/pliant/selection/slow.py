@@ -22,7 +22,7 @@ from pliant.identification.initial_guess import free_decay
 from pliant.identification.lagged_inputs import behind_lags
 from pliant.identification.parameters import Parameter, apply, each_joint, shared_name
 from pliant.identification.starts import AtRest
-from pliant.mechanics import mechanics_of
+from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import Model
 from pliant.selection.criterion import MATERIAL, parts_of, score_of
 from pliant.selection.first_model import Entry, beginning, with_alike, with_places
@@ -120,6 +120,11 @@ class SlowBody:
     constant: float
     factors: ClassVar[tuple[float, ...]] = (1.0,)  # on the least stiffness, which are tried
 
+    @classmethod
+    def shown_in(cls, setting: FitSetting, constant: float) -> Self:
+        """Return the body that the recordings of `setting` show, with its time constant [s]."""
+        return cls(setting, constant)
+
     @property
     def sentence(self) -> str:
         """Return what is known of the body, as a line of progress."""
@@ -183,6 +188,12 @@ class SlowSpatialBody(SlowBody):
     shapes: FitSetting
     factors: ClassVar[tuple[float, ...]] = (1.0, 8.0)
 
+    @classmethod
+    def shown_in(cls, setting: FitSetting, constant: float) -> Self:
+        """Return the body that the recordings of `setting` show, with its time constant [s] and its settled shapes."""
+        shapes = tuple(settled(e, constant) for e in setting.experiments)
+        return cls(setting, constant, replace(setting, experiments=shapes))
+
     @property
     def sentence(self) -> str:
         """Return what is known of the body, and that settled shapes come first."""
@@ -238,10 +249,10 @@ def slow_body(setting: FitSetting, model: Model) -> SlowBody | None:
     constant = time_constant(setting.experiments, model.actuation.names)
     if constant is None:
         return None
-    if model.space is None:
-        return SlowBody(setting, constant)
-    shapes = tuple(settled(e, constant) for e in setting.experiments)
-    return SlowSpatialBody(setting, constant, replace(setting, experiments=shapes))
+    return SLOW_BODIES[type(mechanics_of(model))].shown_in(setting, constant)
+
+
+SLOW_BODIES: dict[type[Mechanics], type[SlowBody]] = {PlanarChain: SlowBody, SpatialChain: SlowSpatialBody}
 
 
 def held_stiffness(parameters: Sequence[Parameter], common: Sequence[Entry]) -> list[Parameter]:

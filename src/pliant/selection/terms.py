@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from pliant.identification.chamber_parameters import has_effect, prefixes
 from pliant.identification.experiment import Experiment
 from pliant.identification.parameters import Parameter
 from pliant.identification.torque_start import grown, highest_level
-from pliant.mechanics import mechanics_of
+from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import ActuationInput, Extension, Model
 
 NO_SHARE = 1e-6  # fraction or coefficient at which hysteresis, friction or a late part of the pressure has no effect
@@ -181,12 +181,35 @@ def springs(model: Model) -> Iterator[Term]:
         ratio = model.stiffness / model.stiffness.mean()
         yield term("joints", "", [Parameter(n, shrink=0.3) for n in names],
                    {n: float(r) for n, r in zip(names, ratio, strict=True)}, replaces=("stiffness",))
-    if model.space is not None:
-        yield term("directions", "", [Parameter("stiffness_ratio", 1.0)],
-                   {"stiffness_ratio": model.space.stiffness_ratio})
-        turns = {f"rest_turn_{axis}_{i + 1}": float(turn) for i, row in enumerate(model.space.rest_of(model.n))
-                 for axis, turn in zip("xy", row, strict=False)}  # fmt: skip
-        yield term("rest", "", [Parameter(n, v, prior=v, prior_std=REST) for n, v in turns.items()], turns)
+    yield from TERMS_OF_CHAINS[type(mechanics_of(model))].springs(model)
+
+
+def spatial_springs(model: Model) -> Iterator[Term]:
+    """Yield the terms of the springs of a body in space: a stiffness of its own about y, and another shape at rest."""
+    chain = SpatialChain(model)
+    yield term("directions", "", [Parameter("stiffness_ratio", 1.0)], {"stiffness_ratio": chain.space.stiffness_ratio})
+    turns = chain.rest_values
+    yield term("rest", "", [Parameter(n, v, prior=v, prior_std=REST) for n, v in turns.items()], turns)
+
+
+class ChainTerms(NamedTuple):
+    """What a kind of chain adds to the terms.
+
+    Attributes
+    ----------
+    springs : callable
+        ``springs(model)`` yields the terms of springs that only this kind has.
+    grown : float
+        Strain along the stations from which a body of this kind may lengthen.
+    """
+
+    springs: Callable[[Model], Iterator[Term]]
+    grown: float
+
+
+TERMS_OF_CHAINS: dict[type[Mechanics], ChainTerms] = {
+    PlanarChain: ChainTerms(lambda _: iter(()), GROWN), SpatialChain: ChainTerms(spatial_springs, -np.inf),
+}
 
 
 def longest(experiments: Sequence[Experiment]) -> float:
@@ -301,9 +324,7 @@ def places(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
     """Yield the error of the base tangent, for recordings of positions."""
     if all(e.without_positions for e in experiments):
         return
-    now = {"base_angle": model.base_angle}
-    if model.space is not None:
-        now = dict(zip(("base_tilt_x", "base_tilt_y"), model.space.base_tilt[:2].tolist(), strict=True))
+    now = {n: v for n, v in mechanics_of(model).base_values.items() if n != "base_tilt_z"}
     yield term("base", "", [Parameter(n, v) for n, v in now.items()], now)
 
 
@@ -314,7 +335,8 @@ def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Ter
     gains = [f"{start}axial_gain" for start, c in zip(prefixes(model), model.chambers, strict=True)
              if c.uses("axial_gain")]  # fmt: skip
     apart = max([grown(e) for e in experiments if not e.without_positions and len(e.stations) > 1], default=0.0)
-    if mechanics_of(model).lengthens or not gains or not (model.space is not None or apart > GROWN):
+    chain = mechanics_of(model)
+    if chain.lengthens or not gains or not apart > TERMS_OF_CHAINS[type(chain)].grown:
         return
     yield term("lengthening", "", [*(Parameter(n, 0.0) for n in gains), held("axial_stiffness", 1000.0),
                                    held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),

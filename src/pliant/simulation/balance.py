@@ -133,9 +133,8 @@ def stored_energy(model: Model, x: Array, v: Array, states: Array) -> Array:
     """
     chain = mechanics_of(model)
     kinetic, elastic, weight = chain.energy(x, v)
-    q, K, hysteresis = chain.joint_coordinates(x), chain.joints.K, [0.0]
-    if model.memory:
-        hysteresis = [K[i] * memory_stored(i, q[i], states, law) for i, law in enumerate(laws_of(model))]
+    q, K = chain.joint_coordinates(x), chain.joints.K
+    hysteresis = [K[i] * memory_stored(i, q[i], states, law) for i, law in enumerate(laws_of(model))]
     return np.array([kinetic, elastic, weight, sum(hysteresis)], dtype=float)
 
 
@@ -185,3 +184,10 @@ class EnergyWatch:
                 f"the chain {energy}: the step of {1e3 * length:.3g} ms is too long for this motion; use a "
                 "shorter step", EnergyWarning, stacklevel=4,
             )
+
+
+class Unwatched(EnergyWatch):
+    """In place of an energy balance, for a chain on a base that moves, whose work is not counted."""
+
+    def look(self, x: Array, v: Array, states: Array, length: float, steps: int = 1) -> None:
+        """Leave the energies unchecked."""

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from pliant.compiler.choose import twin
+from pliant.equations import base
 from pliant.errors import InputError
 from pliant.mechanics import Mechanics, mechanics_of
 from pliant.mechanics.reaction import point_carried
 from pliant.model import Model
 from pliant.preprocessing.rotations import continuous, to_matrix
 from pliant.shapes import Float
+from pliant.simulation import state
 
 Array = np.ndarray
 LEAST_POSES = 6  # of a quintic spline
@@ -213,10 +217,18 @@ def spline(time: Array, rows: Array, cutoff: float | str | None) -> Any:
 
 def base_rows(chain: Mechanics, motion: BaseMotion, nodes: Array) -> tuple[Array, Array]:
     """Return the motion of the base in each of m time steps between `nodes` (m + 1,) [s], (m, 5) or in space (m, 6) as
-    `equations.base` takes it, and the loads on the links [N m] by which it acts beside this.
+    `equations.base` takes it, and the loads on the links [N m] by which it acts beside this, see `base_fields`.
+    """
+    rows, fields = base_fields(chain, motion, nodes)
+    return rows, chain.uniform_loads(fields - chain.model.gravity)
 
-    The loads stand for the mean acceleration of the origin and for the turned direction of gravity: in the plane in the
-    axes of the base at the start of a step, in space in those at its middle.
+
+def base_fields(chain: Mechanics, motion: BaseMotion, nodes: Array) -> tuple[Array, Array]:
+    """Return the motion of the base in each of m time steps between `nodes` (m + 1,) [s], (m, 5) or in space (m, 6) as
+    `equations.base` takes it, and the field (m, 2 or 3) [m/s^2] that acts in place of gravity.
+
+    The field is gravity less the mean acceleration of the origin: in the plane in the axes of the base at the start of
+    a step, in space in those at its middle.
     """
     ends, h = motion.at(nodes), np.diff(nodes)
     gravity = chain.model.gravity
@@ -224,12 +236,12 @@ def base_rows(chain: Mechanics, motion: BaseMotion, nodes: Array) -> tuple[Array
         middle = motion.at(0.5 * (nodes[:-1] + nodes[1:]))
         mean = np.diff(ends.velocity, axis=0) / h[:, None]
         rows = np.concatenate([inward(middle.axes, middle.rate), inward(middle.axes, middle.turning)], axis=1)
-        return rows, chain.uniform_loads(inward(middle.axes, gravity - mean) - gravity)
+        return rows, inward(middle.axes, gravity - mean)
     arm = np.einsum("tij,j->ti", ends.axes, point_carried(chain))
     velocity = ends.velocity + ends.rate[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
     mean, turn = np.diff(velocity, axis=0) / h[:, None], np.diff(ends.angle)
     rows = np.column_stack([turn / h, np.diff(ends.rate) / h, ends.rate[:-1], ends.rate[1:], turn])
-    return rows, chain.uniform_loads(inward(ends.axes[:-1], gravity - mean) - gravity)
+    return rows, inward(ends.axes[:-1], gravity - mean)
 
 
 def resting_load(chain: Mechanics, motion: BaseMotion, time: float) -> Array:
@@ -243,12 +255,46 @@ def inward(axes: Array, vectors: Array) -> Array:
     return np.einsum("tji,tj->ti", axes, np.broadcast_to(vectors, axes.shape[:2]))
 
 
-def check_base(model: Model, base: BaseMotion) -> None:
-    """Raise InputError unless `base` is a motion of the base in the plane or the space in which the model moves."""
-    if not isinstance(base, BaseMotion):
-        raise InputError(f"base must be a BaseMotion, with times and poses of the base, got {base!r:.60}")
+def check_base(model: Model, motion: BaseMotion) -> None:
+    """Raise InputError unless `motion` is a motion of the base in the plane or the space in which the model moves."""
+    if not isinstance(motion, BaseMotion):
+        raise InputError(f"base must be a BaseMotion, with times and poses of the base, got {motion!r:.60}")
     needed = mechanics_of(model).dimension
-    if base.dimension != needed:
+    if motion.dimension != needed:
         where = "space" if needed == 3 else "a plane"
-        raise InputError(f"model {model.name!r} moves in {where}, but the motion of its base has {base.dimension} "
+        raise InputError(f"model {model.name!r} moves in {where}, but the motion of its base has {motion.dimension} "
                          f"coordinates: give {needed}")
+
+
+class BaseSteps:
+    """Time steps of a body on a base that moves as prescribed, made one by one.
+
+    Attributes
+    ----------
+    model : Model
+        The model, with a moving base.
+    chain : Mechanics
+        Its mechanics, with arrays of its own for the spin of the base.
+    motion : BaseMotion
+    """
+
+    def __init__(self, model: Model, motion: BaseMotion) -> None:
+        check_base(model, motion)
+        self.model, self.motion = model.with_(moving_base=True), motion
+        self.chain = mechanics_of(self.model).with_own_base()
+        self._begin, self._end = (twin(kernel, *self.chain.sizes) for kernel in (base.begin_step, base.end_step))
+
+    def rest(self, pressure: Any, time: float) -> Array:
+        """Return the joint coordinates (N,) in equilibrium under inputs (C,) on the base at rest in its pose at `time`
+        [s].
+        """
+        return state.equilibrium(self.model, pressure, link_load=resting_load(self.chain, self.motion, time))
+
+    def made(self, step: Callable[[], int], row: Array, x: Array, v: Array) -> int:
+        """Make one time step, ``step()``, in which the base moves as the `row` of `base_fields` says, at coordinates x
+        and rates v (N,), which change in place. Return what `step` returns.
+        """
+        self._begin(row, v, self.chain.body, self.chain.joints)
+        failed = step()
+        self._end(row, x, v, self.chain.body, self.chain.joints)
+        return failed

@@ -91,7 +91,7 @@ class InitialValueProblem(NamedTuple):
         of `rows` output times.
         """
         rows = len(plan.pressure) if rows is None else rows
-        return march(self.model, plan, self.start, rows, self.states if self.model.memory else None)
+        return march(self.model, plan, self.start, rows, self.states)
 
     def tips(self, phi: Array) -> Array:
         """Return the tip positions at T instants, (T, 2) or in space (T, 3), divided by the length of the body, from
@@ -160,13 +160,10 @@ def march(
     """
     chain = mechanics_of(model).with_own_base() if len(plan.base) else mechanics_of(model)
     check_lengths(chain, x=start[0], v=start[1], torque=plan.gain)
-    if states is None and model.memory:
-        states = state.relaxed(model, chain.joint_coordinates(start[0]))
-    past = () if states is None else chain.past(states.copy())
-    out = march_loops.rows_for(rows, model.size, (model.n, 0) if states is None else states.shape, 2 + len(past))
-    out.phi[0], out.w[0] = start
-    if states is not None:
-        out.state[0] = states
+    states = state.relaxed(model, chain.joint_coordinates(start[0])) if states is None else states
+    past = chain.past(states.copy())
+    out = march_loops.rows_for(rows, model.size, states.shape, 2 + len(past))
+    out.phi[0], out.w[0], out.state[0] = *start, states
     now = start[0].copy()
     failed = twin(march_loops.march, *chain.sizes)(now, start[1].copy(), plan.steps, *chain.parts(), out, *past)
     if failed >= 0:

@@ -81,9 +81,7 @@ def trajectory(
         **{name: (("time",), value) for name, value in energies.items()},
         **memory,
     }
-    labels = {**({"memory": list(model.memory.labels)} if model.memory else {}), **chain.labels}
-    if model.memory.has_axial:
-        labels["axial_memory"] = list(model.memory.axial.labels)
+    labels = model.memory.coordinates | chain.labels
     about = LABELS | {inputs.variable: about_inputs(inputs)}
     return xr.Dataset(
         {name: labelled(*entry, *about[name]) for name, entry in values.items()},

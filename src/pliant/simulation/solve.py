@@ -55,8 +55,7 @@ def base_variables(problem: InitialValueProblem, marched: Marched, plan: Drive) 
                                                 (inward(pose.axes, pose.rate), inward(pose.axes, pose.turning))),
     )  # fmt: skip
     torque = torques_at(plan, len(x))
-    if problem.model.memory:
-        torque[:, : chain.remembering] -= state.memory_torques(problem.model, x, states)
+    torque[:, : chain.remembering] -= state.memory_torques(problem.model, x, states)
     pulls = [at_time(force, problem.times) for force in problem.forces]
     if pulls:
         loads = link_loads(problem.model, problem.forces, np.stack(pulls, axis=1))

@@ -41,6 +41,12 @@ def relaxed(model: Model, q: Array) -> Array:
     return states
 
 
+def relaxed_as_stored(model: Model, q: Array) -> Array:
+    """Return the states of `relaxed` as exported code stores them: without entries for a body without hysteresis."""
+    rows, columns = mechanics_of(model).memory_shape
+    return relaxed(model, q)[:rows, :columns]
+
+
 def vector(model: Model, value: Any) -> Array:
     """Return `value` as an array of N joint coordinates; raise InputError unless it holds N finite numbers."""
     a = np.asarray(value, dtype=float)
@@ -302,7 +308,7 @@ def bent(model: Model, pressure: float, rest: np.ndarray, which: int = 0) -> flo
         q = equilibrium(model, first_alone(model, pressure, which)) - rest
     except SimulationError:
         return None
-    return float(np.linalg.norm(q[: 2 * model.n].reshape(-1, 2).sum(axis=0)) if model.space else abs(q.sum()))
+    return mechanics_of(model).total_bend(q)
 
 
 Entry = tuple[tuple[str, ...], Array]
@@ -318,9 +324,9 @@ def first_states(model: Model, q0: Array, given: Array | None) -> Array:
     shape = (len(rest), max(len(model.memory.labels), len(model.memory.axial.labels)))
     states = np.asarray(given, dtype=float)
     if states.shape != shape:
-        rows = "joint and segment" if model.memory.has_axial else "joint"
         raise InputError(
-            f"initial_memory must be angles of shape ({rows}, memory) = {shape}, got shape {states.shape}"
+            f"initial_memory must be angles of shape ({model.memory.owners}, memory) = {shape}, got shape "
+            f"{states.shape}"
         )
     if bad := int((~np.isfinite(states)).sum()):
         raise InputError(f"initial_memory must be finite, but {bad} of its {states.size} angles are not: correct them")
@@ -358,20 +364,11 @@ def memory_torques(model: Model, x: Array, states: Array) -> Array:
 
 def memory_outputs(model: Model, x: Array, states: Array) -> dict[str, Entry]:
     """Return dataset variables, by name, for hysteresis states and torque; {} for a chain without hysteresis."""
-    if not model.memory:
-        return {}
-    chain = mechanics_of(model)
-    torque = memory_torques(model, x, states)
+    torque, labels = memory_torques(model, x, states), model.memory.coordinates
     values: dict[str, Entry] = {}
-    for kind in chain.kinds:
-        if kind.over == "joint":
-            axis = kind.names[0].removeprefix("joint_angle")  # "" in a plane
-            values["memory_state" + axis] = (
-                ("time", "joint", "memory"), states[:, kind.rows, : len(model.memory.labels)],
-            )
-            values["memory_torque" + axis] = (("time", "joint"), torque[:, kind.rows])
-        elif model.memory.has_axial:
-            labels = model.memory.axial.labels
-            values["axial_memory_state"] = (("time", "segment", "axial_memory"), states[:, kind.rows, : len(labels)])
-            values["axial_memory_force"] = (("time", "segment"), torque[:, kind.rows] / model.segment_length)
+    for kind in mechanics_of(model).kinds:
+        state, force, branch = kind.memory
+        if branch in labels:
+            values[state] = ("time", kind.over, branch), states[:, kind.rows, : len(labels[branch])]
+            values[force] = ("time", kind.over), torque[:, kind.rows] / kind.lever
     return values

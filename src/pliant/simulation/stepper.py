@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,8 @@ from pliant.model import Model, Station
 from pliant.model.features import FIRST_ORDER, RESTING, VALVES, Consumer
 from pliant.shapes import Float
 from pliant.simulation import march_loops, state
-from pliant.simulation.balance import EnergyWatch
+from pliant.simulation.balance import EnergyWatch, Unwatched
+from pliant.simulation.base_motion import BaseMotion, BaseSteps, base_rows, check_base
 from pliant.simulation.chamber_course import lag_of
 from pliant.simulation.forces import PointForce, checked, link_loads
 from pliant.simulation.solve import check_step
@@ -23,8 +25,11 @@ Array = np.ndarray
 
 STEPPER = Consumer(
     "a Stepper", (RESTING - VALVES) | FIRST_ORDER,
-    remedy=dict.fromkeys(VALVES - FIRST_ORDER, "give the model an ideal or first-order valve, and pass the pressure "
-                         "behind your valve to `step`"),
+    remedy={
+        **dict.fromkeys(VALVES - FIRST_ORDER, "give the model an ideal or first-order valve, and pass the pressure "
+                        "behind your valve to `step`"),
+        "base_motion": "state the motion of its base: Stepper(model, base=BaseMotion(...))",
+    },
 )  # fmt: skip
 
 
@@ -53,6 +58,11 @@ class Stepper:
         Length of a step, s.
     pressure : float, or array (C,) for several chambers
         Initial pressure, Pa, under which the chain starts in equilibrium.
+    base : BaseMotion, optional
+        Prescribed motion of the base. Coordinates, rates and positions are then relative to the moved base, and the
+        energies below stay 0. By default the base rests.
+    start : float
+        Time at the start on the clock of `base`, s.
 
     Attributes
     ----------
@@ -66,7 +76,7 @@ class Stepper:
     pressure, stretch : array (C,)
         Pressure behind the valve, Pa; hoop stretch of a chamber that inflates, 1 for a rigid wall.
     time : float
-        Time since the start, s.
+        Time since the start plus `start`, s.
     energy_gain, energy_loss : float
         Largest energy gained without a source and lost without dissipation, as fractions of the largest change of any
         form of energy. The balance with the work of pressures and forces and the losses is computed every 256 steps.
@@ -75,7 +85,7 @@ class Stepper:
     ------
     InputError
         When the step is not a positive time short enough for the model, or the valve is of second order or has a
-        dead time.
+        dead time, or `base` does not fit the model.
 
     Warns
     -----
@@ -95,20 +105,26 @@ class Stepper:
     True
     """
 
-    def __init__(self, model: Model, time_step: float = 1e-3, pressure: float | Float[Array, " C"] = 0.0) -> None:
+    def __init__(
+        self, model: Model, time_step: float = 1e-3, pressure: float | Float[Array, " C"] = 0.0, *,
+        base: BaseMotion | None = None, start: float = 0.0,
+    ) -> None:
+        model = model if base is None else model.with_(moving_base=False)
         STEPPER.check(model)
         check_step(model, time_step, "midpoint")
         warn_too_coarse(model, time_step)
-        self.model = model
-        self.time_step = time_step
+        self._base = None if base is None else BaseSteps(model, base)
+        self.model = model if self._base is None else self._base.model
+        self._chain = mechanics_of(model) if self._base is None else self._base.chain
+        self.time_step, self.start = time_step, float(start)
         self._drives = march_loops.Drives(
             model.actuation.kernel(), np.array([lag_of(c.valve) for c in model.chambers]),
             np.zeros(model.actuation.count), np.zeros((model.actuation.count, 2)),
         )
         self._command = np.zeros(model.actuation.count)
-        self._body, self._joints, self._work = mechanics_of(model).parts()
+        self._body, self._joints, self._work = self._chain.parts()
         records: Any = type(self._body), type(self._joints), type(self._work), type(model.memory.law())
-        self._advance = twin(march_loops.of_records(march_loops.hold, *records), *mechanics_of(model).sizes)
+        self._advance = twin(march_loops.of_records(march_loops.hold, *records), *self._chain.sizes)
         self.reset(pressure)
         self.step(pressure)  # compiled here
         self.reset(pressure)
@@ -117,7 +133,7 @@ class Stepper:
         self, pressure: float | Float[Array, " C"] = 0.0, *, joint_angle: Float[Array, " N"] | None = None,
         joint_rate: Float[Array, " N"] | None = None,
     ) -> None:
-        """Reset the time to 0 and the state to equilibrium under `pressure` [Pa], or to the given joint angles and
+        """Reset the time to `start` and the state to equilibrium under `pressure` [Pa], or to given joint angles and
         rates.
 
         `joint_angle` and `joint_rate` are (n,) [rad, rad/s].
@@ -131,7 +147,7 @@ class Stepper:
             When the angles or rates are not n finite numbers.
         """
         model = self.model
-        q = state.equilibrium(model, pressure) if joint_angle is None else state.vector(model, joint_angle)
+        q = self._rest(pressure) if joint_angle is None else state.vector(model, joint_angle)
         dq = np.zeros(model.size) if joint_rate is None else state.vector(model, joint_rate)
         self._x, self._v = mechanics_of(model).coordinates(q), mechanics_of(model).rates(dq)
         turns = model.size - len(model.extensions)
@@ -140,11 +156,16 @@ class Stepper:
         self.memory = state.relaxed(self.model, q)
         self._drives.pressure[:] = self.model.actuation.pressures(pressure)
         self._drives.state[:] = self.model.actuation.rest_state(pressure)
-        past = mechanics_of(model).past(self.memory)
+        past = self._chain.past(self.memory)
         self._parts = tuples((self._drives, self._body, self._joints, self._work, *past))
         self._load = mechanics_of(self.model).no_loads()[:0]
-        self.time = 0.0
-        self._watch = EnergyWatch(self.model)
+        self.time = self.start
+        self._watch = EnergyWatch(self.model) if self._base is None else Unwatched(self.model)
+
+    def _rest(self, pressure: float | Array) -> Array:
+        if self._base is None:
+            return state.equilibrium(self.model, pressure)
+        return self._base.rest(pressure, self.start)
 
     @property
     def position(self) -> Float[Array, " N"]:
@@ -207,6 +228,19 @@ class Stepper:
         pull = checked("Stepper", PointForce(np.zeros(1), np.atleast_2d(force), point), wanted)
         self._load = link_loads(self.model, [pull], pull.force[None])[0]
 
+    def move_base(self, motion: BaseMotion) -> None:
+        """Prescribe another motion of the base from now on, such as one with newer poses.
+
+        Raises
+        ------
+        InputError
+            When this stepper has no `base`, or the motion does not fit the model.
+        """
+        if self._base is None:
+            raise InputError("the base of this Stepper rests: make a Stepper(model, base=BaseMotion(...))")
+        check_base(self.model, motion)
+        self._base.motion = motion
+
     def step(
         self, pressure: float | Float[Array, " C"], steps: int = 1,
     ) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
@@ -220,13 +254,13 @@ class Stepper:
         Raises
         ------
         InputError
-            When the number of values is not that of the inputs; a single 0 sets all inputs to 0.
+            When the number of values is not that of the inputs; a single 0 sets all inputs to 0. When the motion of the
+            base is not known for these steps; nothing changes then.
         SimulationError
             When the pressure is not finite or a link moves too fast for the step; call `reset` before further steps.
         """
         self._command[:] = self._checked(pressure)
-        arguments = (self.time_step, steps, self._command, self._load, self._watch.total)
-        failed = self._advance(self._x, self._v, arguments, *self._parts)
+        failed = self._held(steps, self._load) if self._base is None else self._carried(self._base, steps)
         self.time += self.time_step * (steps if failed < 0 else failed + 1)
         if failed >= 0:
             under = ", ".join(f"{p:.6g} {u}" for p, u in zip(self._command, self.model.actuation.units, strict=True))
@@ -244,6 +278,20 @@ class Stepper:
             )
         self._watch.look(self._x, self._v, self.memory, self.time_step, steps)
         return self.angle, self.rate
+
+    def _held(self, steps: int, load: Array) -> int:
+        """Advance under constant commands and loads; return the index of a failed step, or -1."""
+        arguments = (self.time_step, steps, self._command, load, self._watch.total)
+        return int(self._advance(self._x, self._v, arguments, *self._parts))
+
+    def _carried(self, base: BaseSteps, steps: int) -> int:
+        """Advance on the moving base under constant commands and forces; return the index of a failed step, or -1."""
+        rows, loads = base_rows(self._chain, base.motion, self.time + self.time_step * np.arange(steps + 1))
+        loads = loads + self._load if len(self._load) else loads
+        for k in range(steps):
+            if base.made(partial(self._held, 1, loads[k]), rows[k], self._x, self._v) >= 0:
+                return k
+        return -1
 
     def _checked(self, pressure: float | Array) -> Array:
         """Return the value of each input as an array (C,)."""

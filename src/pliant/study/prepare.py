@@ -43,7 +43,6 @@ from pliant.units import pascal_per
 
 Array = np.ndarray
 LEAST_TURN = 0.02  # rad: least rotation, for a recording of angles alone
-BESIDE, STRETCHED = 0.25, 0.6  # of the body's length: reach of markers beside the axis; of segments that lengthen
 LEAST_TRAVEL = 0.003  # of the body's length: least motion of the tip in a usable recording
 MEANT = {"pressure": "gauge pressure, Pa", "tension": "tension, N", "displacement": "displacement, m",
          "angle": "angle of a motor, rad"}  # fmt: skip
@@ -344,7 +343,7 @@ def beyond_reach(experiments: Mapping[str, Experiment], model: Model) -> dict[st
     axis; if segments lengthen, 60 % more than its length.
     """
     reasons: dict[str, str] = {}
-    most = (1.0 + (STRETCHED if len(model.extensions) else BESIDE)) * model.length
+    most = model.reach
     for name, exp in experiments.items():
         away = np.nan_to_num(np.linalg.norm(exp.position, axis=2))
         if not (far := away > most).any():

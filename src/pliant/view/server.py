@@ -18,7 +18,8 @@ from pliant.errors import InputError
 from pliant.files import regular_file
 from pliant.loop.log import MARK
 from pliant.mechanics import mechanics_of
-from pliant.model import Chamber, Model, fixed_length
+from pliant.model import Chamber, Model
+from pliant.model.features import ALL, IN_SPACE, LENGTHENS, Consumer
 from pliant.plugins import optional
 from pliant.simulation.state import typical_pressure
 from pliant.units import shown_in
@@ -36,6 +37,12 @@ POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inl
 
 BEHIND = 0.7  # s, lag of the page: the log reaches the disk at most 0.5 s after the loop wrote it
 KEPT = 4000  # rows
+LONGER = LENGTHENS | {"space_lengthening"}
+LOG = Consumer(
+    "the page of a control loop", ALL - LONGER,
+    remedy=dict.fromkeys(LONGER, "the log of a loop holds joint angles alone: watch a model whose length is fixed"),
+)
+TOUCHED = Consumer("the point of a touch", ALL - LONGER - IN_SPACE)  # drawn in the plane
 DOUBT = 3.0  # the torque of a touch is this many standard deviations of the model's error
 
 
@@ -71,14 +78,12 @@ class WatchedLoop:
             raise InputError(f"{path} is not the log of a control loop: name the log.csv that `pliant control` writes")
         self.columns = names.split(",")
         self.angles = [k for k, n in enumerate(self.columns) if n.startswith("phi_")]
-        if model.space and mechanics_of(model).lengthens:
-            raise InputError("the log of a control loop holds joint angles alone: watch a model whose length is fixed")
-        self.model = model if model.space else fixed_length(model)
+        LOG.check(model)
+        self.model = model
         self.rows, self.rest = deque[list[float]](maxlen=KEPT), b""
         if len(self.angles) != self.model.size:
-            what = "joint coordinates" if model.space else "links"
-            raise InputError(f"the log {path} has {len(self.angles)} {what}, but the model has {self.model.size}: use "
-                             "the model of that loop")  # fmt: skip
+            raise InputError(f"the log {path} has {len(self.angles)} angles, but the model has "
+                             f"{mechanics_of(model).counted}: use the model of that loop")  # fmt: skip
         self.unit = model.actuation.units[0]  # of all inputs of a task
         self.shown, self.message, self.fault, self.touch = -np.inf, "", "", touch
         self.design = ""  # stability margins and simulated test of the loop
@@ -165,7 +170,7 @@ class WatchedLoop:
         """Return the position [mm] and components [N] of the single contact force that explains the disturbance
         torques; None if there is none, or in space.
         """
-        if self.model.space:
+        if TOUCHED.lacks(self.model):
             return None
         n = self.model.n
         angle, torque, sd = (np.array([value.get(name.format(i + 1), np.nan) for i in range(n)])
