@@ -36,7 +36,7 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
     back = np.flatnonzero(np.diff(ticks) < 0)
     wraps = []
     for i in back:
-        counter = next((c for c in COUNTERS if (1 - NEAR) * c <= ticks[i] < c and ticks[i + 1] < NEAR * c), None)
+        counter = wrapped_counter(ticks[i], ticks[i + 1])
         if unit == "s" or counter is None:
             raise InputError(
                 f"the time in {file} goes back from {ticks[i]:.10g} to {ticks[i + 1]:.10g} {unit} at row {i + 2} of "
@@ -49,6 +49,11 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
         return ticks * SECONDS[unit], epoch
     line = f"the time counter of {file} wrapped around {len(wraps)} time(s), after {wraps[0][1]} {unit}: corrected"
     return ticks * SECONDS[unit], [*epoch, line]
+
+
+def wrapped_counter(before: float, after: float) -> int | None:
+    """Return the counter of a logger that wrapped between two of its values; None if none did."""
+    return next((c for c in COUNTERS if (1 - NEAR) * c <= before < c and after < NEAR * c), None)
 
 
 def is_of_sheet(ticks: NDArray) -> bool:

@@ -9,6 +9,7 @@ from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
 from pliant.recording.column_names import is_time
+from pliant.recording.joined_runs import with_runs
 from pliant.recording.tables import (
     DELIMITERS,
     MARKS,
@@ -40,10 +41,13 @@ SUMMARIES = {"mean", "average", "avg", "std", "stdev", "std dev", "sd", "min", "
 
 
 class TableText(NamedTuple):
-    """Lines of a table, and sentences for the history on what was changed in them."""
+    """Lines of a table, sentences for the history on what was changed in them, and the number of runs below each
+    other, which the column `RUN` numbers if there are several.
+    """
 
     lines: list[str]
     notes: list[str]
+    runs: int = 1
 
 
 def table_lines(
@@ -75,7 +79,11 @@ def table_lines(
         if skip_lines is not None and step is names_above:
             continue
         notes += step(lines, first, mark, name)
-    return TableText(lines, notes)
+    first = first_row(lines, preamble_of(lines) if skip_lines is None else skip_lines)
+    if header is False or first >= len(lines):
+        return TableText(lines, notes)
+    more, runs = with_runs(lines, first, delimiter_of(lines[first], delimiter), name)
+    return TableText(lines, [*notes, *more], runs)
 
 
 def following(lines: Sequence[str], first: int) -> list[int]:

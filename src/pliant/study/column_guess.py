@@ -18,6 +18,7 @@ import numpy as np
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
 from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, parted_clock, unit_of, words_of
+from pliant.recording.joined_runs import TRIAL
 from pliant.recording.registry import describes_columns
 from pliant.study.input_guess import input_entries, pressure_question
 from pliant.study.shorthand import OPEN
@@ -34,7 +35,6 @@ Array = np.ndarray
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
 NUMBERED = re.compile(r"p\d+|base|tip")
 CLOCKS = ("t", "time")  # names of times that come before others, such as clock
-TRIAL = {"id", "trial", "run", "rep", "repetition", "experiment", "session", "sample"}
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
 MILLISECONDS, ROUGH = 5, 0.8  # least whole step of such times; change of successive steps of a motion, at most
 SLOW = 10  # least constant whole step of times that may be seconds as well, as in the log of a creep
