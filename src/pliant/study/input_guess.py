@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.recording.column_names import NOT_INSIDE, bracketed_unit, unit_of, words_of
+from pliant.recording.column_names import AMBIENT, NOT_INSIDE, bracketed_unit, unit_of, words_of
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import PlainTable
 from pliant.units import METRE, NEWTON, PASCAL, RADIAN, absolute_unit, pascal_per
@@ -84,7 +84,7 @@ def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, 
     kinds: dict[tuple[str, str], list[int]] = {}
     left, notes = [], []
     for k in columns:
-        known = kind_of(table, k)
+        known = ("", "") if AMBIENT.fullmatch(table.names[k]) else kind_of(table, k)
         kinds.setdefault(known, []).append(k) if known[0] else left.append(k)
     for names, what in ((COMMANDED, "commands beside measured inputs"), (None, "supplies beside pressures of a body")):
         for key, members in kinds.items():
