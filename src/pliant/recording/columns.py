@@ -76,6 +76,8 @@ CHANGING = "left-out column(s)"  # begins the sentence on columns that a mapping
 def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read a plain table of numbers as a recording; `mapping` states which columns hold what, and their units."""
     if not mapping:
+        if not holds_rows(path):
+            raise InputError(f"{path.name} holds text and no rows of numbers: leave it out, or export the table again")
         raise InputError(f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, "
                          f"length_unit, stations or points){_listed(path)}")  # fmt: skip
     mapping, named = completed(mapping, first_cells(path, mapping), path.name)
@@ -125,6 +127,20 @@ def first_cells(path: Path, mapping: Mapping[str, Any]) -> list[str]:
     lines, _ = with_units(lines, first, delimiter, path.name)
     cells = split_cells(lines[first], delimiter) if line else []
     return cells[:-1] if cells[-1:] == [""] else cells
+
+
+def holds_rows(path: Path) -> bool:
+    """Return whether some line of a text table holds two numbers or more, and more numbers than words."""
+    for line in table_lines(path).lines:
+        cells = [cell for cell in split_cells(line, delimiter_of(line, None)) if cell]
+        if sum(map(is_number, cells)) > max(1, len(cells) / 2):
+            return True
+    return False
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell holds a number, with a decimal point or comma."""
+    return NUMBER.fullmatch(cell.replace(",", ".")) is not None
 
 
 def _listed(path: Path) -> str:

@@ -60,9 +60,14 @@ def recording(
             column, numbers = trial.guess.trials
             out.put("select", {"column": column, "values": numbers}, "a recording for each trial")
         first = inspected.first.guess
+        mapping = {name: trial.guess.mapping[name] for name in trial.guess.mapping if name in inspected.entries_apart}
+        comment = "the columns that this file has in its own way"
         stations = trial.guess.mapping.get("stations")
         if first is not None and stations != first.mapping.get("stations"):
-            out.put("mapping", {"stations": stations}, "the order of the stations in this file")
+            mapping["stations"] = stations
+            comment = "the order of the stations in this file" if len(mapping) == 1 else comment
+        if mapping:
+            out.put("mapping", mapping, comment)
     elif trial.mapping:
         out.put("mapping", trial.mapping)
     if not kind.poses and (moving := moving_beside(trial)) is not None:
