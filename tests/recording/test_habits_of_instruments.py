@@ -49,3 +49,61 @@ def test_the_atmosphere_alone_is_no_input(tmp_path: Path, name: str) -> None:
     recording = read_or_guess(path, None).recording
     assert "pressure" not in recording
     assert name in recording.attrs["history"]
+
+
+def turning(path: Path, order: str, *, unity: bool = False, named: bool = True) -> Path:
+    """A body that hangs in a room with skew axes and bends, with quaternions of its stations in an order."""
+    from scipy.spatial.transform import Rotation
+
+    room = Rotation.from_euler("xyz", [0.4, -0.7, 1.1])
+    angle = 0.8 * np.sin(np.arange(80) / 20.0) ** 2
+    columns, names = [np.arange(80) / 50.0], ["time"]
+    for name, part in (("base", 0.0), ("mid", 0.5), ("tip", 1.0)):
+        bend = part * angle
+        along = 0.12 * part * np.stack([np.sin(bend / 2) * np.sinc(bend / 2 / np.pi), 0 * bend, np.sinc(bend / np.pi)])
+        place = room.apply(along.T) + [0.3, 0.2, 0.9]
+        turn = (room * Rotation.from_rotvec(np.outer(bend, [0.0, 1.0, 0.0]))).as_quat()
+        if unity:  # z reversed: as the rotation is seen in a mirror
+            place, turn = place * [1, 1, -1], turn * [-1, -1, 1, 1]
+        columns += [*place.T, *(turn[:, "xyzw".index(c)] for c in order)]
+        names += [f"{name}_{a}" for a in "xyz"] + [f"{name}_q{c}" for c in order]
+    rows = [",".join(f"{v:.6f}" for v in row) for row in zip(*columns, strict=True)]
+    return written(path, *([",".join(names)] if named else []), *rows)
+
+
+ROLES = {name: {"position": [f"{name}_{a}" for a in "xyz"]} for name in ("base", "mid", "tip")}
+
+
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
+def test_the_positions_show_the_order_of_quaternions_without_names(tmp_path: Path, order: str) -> None:
+    from pliant.study.column_guess import guessed_table
+
+    guess = guessed_table(turning(tmp_path / "a.txt", order, named=False))
+    assert guess is not None
+    first = [4, 5, 6, 7] if order == "xyzw" else [5, 6, 7, 4]
+    assert guess.mapping["stations"]["p1"]["quaternion"] == first
+    assert any(f"read as {', '.join(order)}" in note for note in guess.notes)
+
+
+def test_quaternions_in_another_order_are_refused_or_doubted(tmp_path: Path) -> None:
+    from pliant.errors import InputError
+    from pliant.preprocessing.quality import quality
+
+    path = turning(tmp_path / "a.csv", "wxyz")
+    assert not quality(read(path)).doubts  # by their names
+    listed = {name: {**entry, "quaternion": [f"{name}_q{c}" for c in "wxyz"]} for name, entry in ROLES.items()}
+    with pytest.raises(InputError, match="in the order x, y, z, w"):
+        read(path, mapping={"time": "time", "length_unit": "m", "stations": listed})
+    by_index = {name: {**entry, "quaternion": [4 + 7 * k, 5 + 7 * k, 6 + 7 * k, 7 + 7 * k]}
+                for k, (name, entry) in enumerate(ROLES.items())}  # fmt: skip
+    doubts = quality(read(path, mapping={"time": "time", "length_unit": "m", "stations": by_index})).doubts
+    assert "read as w, x, y, z" in doubts["order of quaternions"]
+
+
+def test_left_handed_axes_are_stated(tmp_path: Path) -> None:
+    right, left = turning(tmp_path / "r.csv", "xyzw"), turning(tmp_path / "l.csv", "xyzw", unity=True)
+    mirrored = read(left, mapping={"left_handed": True})
+    assert "left-handed" in mirrored.attrs["history"]
+    for variable in ("position", "quaternion"):
+        assert mirrored[variable].values == pytest.approx(read(right)[variable].values, abs=1e-9)
+    assert read(left)["position"].values[0, 0, 2] == pytest.approx(-0.9)  # nothing is mirrored unless it is stated

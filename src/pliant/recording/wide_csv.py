@@ -101,7 +101,7 @@ class TableMetadata(FileMapping):
 
 
 BENT = re.compile(r"(?:curvature|curv|kappa)", re.IGNORECASE)  # beginning of names of curvatures
-COLUMNS_ALONE = frozenset(("rate_hz", "time", "select", "time_unit", "input_time", "camera"))
+COLUMNS_ALONE = frozenset(("rate_hz", "time", "select", "time_unit", "input_time", "camera", "left_handed"))
 KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError, shown
+from pliant.preprocessing.quaternion_order import ORDERS, shown_order
 from pliant.recording.clock import SECONDS
 from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, parted_clock, unit_of, words_of
 from pliant.recording.joined_runs import TRIAL
@@ -278,7 +279,7 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     counters = [k for k in range(min(2, width)) if table.whole(k) and counts(values[:, k])]
     clock = next((k for k in range(min(3, width)) if k not in {*counters, *inputs} and rises(values[:, k])), None)
     rest = [k for k in range(width) if k not in {*counters, *inputs, clock}]
-    stations = posed(table)
+    stations, of_turns = posed(table)
     steps = [] if stations or inputs else [k for k in rest if table.whole(k) and table.changes(k)]
     positions = [k for k in rest if k not in steps]
     if not stations and positions and len(positions) % 3 == 0:
@@ -292,7 +293,7 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     mapping: dict[str, Any] = {**delimited(table), **timed, "length_unit": unit, "stations": stations}
     used = {k for parts in stations.values() for columns in parts.values() for k in columns}
     left = [k for k in rest if k not in {*used, *steps} and table.changes(k)]
-    notes = [note, of_times]
+    notes = [note, of_times, of_turns]
     if steps:
         mapping |= {"inputs": [{"columns": steps, "kind": "displacement", "unit": "mm"}],
                     "linear": {"actuation": {"scale": OPEN}}}  # fmt: skip
@@ -302,16 +303,25 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     return asked(mapping, table, notes, None, left)
 
 
-def posed(table: PlainTable) -> dict[str, dict[str, list[int]]]:
-    """Return the stations whose positions have a quaternion beside them: name -> column indices."""
-    stations: dict[str, dict[str, list[int]]] = {}
-    last = -7
+def posed(table: PlainTable) -> tuple[dict[str, dict[str, list[int]]], str]:
+    """Return the stations whose positions have a quaternion beside them, as name -> column indices, and a sentence on
+    the order of its components, which the positions show or which is taken as x, y, z, w.
+    """
+    begins: list[int] = []
     for k in range(3, table.values.shape[1] - 3):
-        if k >= last + 7 and is_rotation(table.values[:, k : k + 4]):
-            last = k
-            stations[f"p{len(stations) + 1}"] = {"position": [k - 3, k - 2, k - 1],
-                                                 "quaternion": [k, k + 1, k + 2, k + 3]}  # fmt: skip
-    return stations
+        if k >= (begins[-1] if begins else -4) + 7 and is_rotation(table.values[:, k : k + 4]):
+            begins.append(k)
+    if not begins:
+        return {}, ""
+    shape = (len(table.values), len(begins))
+    place = table.values[:, [j for k in begins for j in range(k - 3, k)]].reshape(*shape, 3)
+    turn = table.values[:, [j for k in begins for j in range(k, k + 4)]].reshape(*shape, 4)
+    order = shown_order(place, turn)
+    components = ORDERS.get(order, ORDERS["x, y, z, w"])
+    note = f"quaternions are read as {order}, as the positions show" if order in ORDERS else \
+        "quaternions are taken as x, y, z, w, which the motion does not show: correct their order if it is another"
+    return {f"p{s + 1}": {"position": [k - 3, k - 2, k - 1], "quaternion": [k + c for c in components]}
+            for s, k in enumerate(begins)}, note  # fmt: skip
 
 
 def counts(values: Array) -> bool:
