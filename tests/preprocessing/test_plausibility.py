@@ -64,7 +64,7 @@ def oriented(order):
     """Doubts about the body with the orientations of its stations, whose sensors sit askew, in an order or inverted."""
     bend = np.where(TIME > 1, 1.2 * (1 - np.exp(-4 * (TIME - 1)) * np.cos(12 * np.pi * (TIME - 1))), 0.0)
     askew = Rotation.from_euler("xyz", [0.3, 0.8, -0.5])
-    turned = [Rotation.from_euler("z", bend * s / LENGTH) * askew for s in S]
+    turned = [Rotation.from_rotvec(np.outer(bend * s / LENGTH, [0.0, 0.0, 1.0])) * askew for s in S]
     quaternion = np.stack([(t.inv() if order == "inverse" else t).as_quat() for t in turned], axis=1)
     components = [3, 0, 1, 2] if order == "wxyz" else [0, 1, 2, 3]
     return quality(make_recording(TIME, places(), station=NAMES, quaternion=quaternion[..., components])).doubts

@@ -61,7 +61,7 @@ def turning(path: Path, order: str, *, unity: bool = False, named: bool = True) 
     for name, part in (("base", 0.0), ("mid", 0.5), ("tip", 1.0)):
         bend = part * angle
         along = 0.12 * part * np.stack([np.sin(bend / 2) * np.sinc(bend / 2 / np.pi), 0 * bend, np.sinc(bend / np.pi)])
-        place = room.apply(along.T) + [0.3, 0.2, 0.9]
+        place = room.apply(along.T) + np.array([0.3, 0.2, 0.9])
         turn = (room * Rotation.from_rotvec(np.outer(bend, [0.0, 1.0, 0.0]))).as_quat()
         if unity:  # z reversed: as the rotation is seen in a mirror
             place, turn = place * [1, 1, -1], turn * [-1, -1, 1, 1]

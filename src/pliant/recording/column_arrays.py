@@ -73,8 +73,8 @@ class StationColumns(FileMapping):
         named = [COMPONENT.fullmatch(c.partition(" [")[0]) for c in self.quaternion or [] if isinstance(c, str)]
         letters = "".join(match[1].lower() for match in named if match)
         if sorted(letters) == sorted("xyzw") and letters != "xyzw":
-            raise ValueError(f"quaternion lists {', '.join(letters)}, as the names of its columns say: list the columns "
-                             "in the order x, y, z, w")  # fmt: skip
+            raise ValueError(f"quaternion lists {', '.join(letters)}, as the names of its columns say: list them in "
+                             "the order x, y, z, w")  # fmt: skip
         return self
 
 
