@@ -11,6 +11,7 @@ import numpy as np
 from pliant.errors import InputError, clipped
 from pliant.recording.apart import read_apart
 from pliant.recording.arrays import USUAL_NAMES, recording_from_arrays, trials_in_arrays
+from pliant.recording.column_names import SHAPES
 from pliant.recording.columns import trials_in_table
 from pliant.recording.mapping import shorten
 from pliant.recording.npz import arrays_of
@@ -162,7 +163,7 @@ def trials_of(path: Path, mapping: Mapping[str, Any] | None) -> dict[str, dict[s
     """Return the options by which each trial of a file is read, by the name of the trial; empty for a file with one.
 
     A table holds several trials if its mapping has ``select`` without a value, or if its names are repeated or its
-    times begin anew, and its mapping describes its columns. A MATLAB file does if ``struct`` of its
+    times begin anew, and its mapping describes the columns of its shape. A MATLAB file does if ``struct`` of its
     mapping names an array of structs or, without a mapping, if it has one array of structs with usual names. An .npz
     file does if its positions have four dimensions.
 
@@ -177,8 +178,9 @@ def trials_of(path: Path, mapping: Mapping[str, Any] | None) -> dict[str, dict[s
         return trials_in_mat(path, mapping)
     if path.suffix.lower() == ".npz":
         return trials_in_arrays(arrays_of(path), mapping, path.name)
-    described = mapping is not None and ("select" in mapping or describes_columns(mapping))
-    return trials_in_table(path, mapping) if mapping and described and "format" not in mapping else {}
+    if mapping and ("select" in mapping or (set(SHAPES) & set(mapping) and describes_columns(mapping))):
+        return trials_in_table(path, mapping)
+    return {}
 
 
 READER = Reader("mat", ENDINGS["mat"], read_mat)
