@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -22,6 +23,7 @@ from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, par
 from pliant.recording.joined_runs import TRIAL
 from pliant.recording.registry import describes_columns
 from pliant.study.input_guess import input_entries, pressure_question
+from pliant.study.long_tables import refuse_long
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import (
     PlainTable,
@@ -121,9 +123,20 @@ def guessed_table(path: Path, stated: Mapping[str, Any] | None = None) -> TableG
         guess = None if table is None else (named if table.names else unnamed)(table, stated)
     except InputError:
         return None
+    refuse_bodies_in_rows(path, stated, table)
     if guess is not None and table is not None and not {"camera", "length_unit"} & set(stated):
         refuse_units(table.names, guess.mapping, path.name)
     return None if guess is None else guess.beside(stated)
+
+
+def refuse_bodies_in_rows(path: Path, stated: Mapping[str, Any], table: PlainTable | None = None) -> None:
+    """Raise InputError if each row of a text table holds one of several bodies, and nothing stated chooses one."""
+    if path.suffix.lower() not in TABLES or not path.is_file() or {"select", "stations", "format"} & set(stated):
+        return
+    with suppress(InputError):
+        table = table or plain_table(path)
+    if table is not None:
+        refuse_long(table, path.name)
 
 
 def refuse_units(names: Sequence[str], mapping: Mapping[str, Any], file: str) -> None:
