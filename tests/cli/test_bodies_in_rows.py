@@ -12,7 +12,9 @@ from unit_tables import bending
 BODIES = ("base", "tip")
 
 
-def written(path: Path, *, label: str | None, texts: bool = False, blocks: bool = False, own_times: bool = False) -> Path:
+def written(
+    path: Path, *, label: str | None, texts: bool = False, blocks: bool = False, own_times: bool = False,
+) -> Path:
     time, pressure, base, tip = bending()
     rows = []
     for k, t in enumerate(time):

@@ -49,7 +49,8 @@ def test_inputs_are_drafted_from_the_files_that_have_them(tmp_path: Path, first:
     assert [one["name"] for one in study["actuator"]["tendons"]] == ["phi1", "phi2"]
     assert "inputs" not in study["mapping"]
     for name in ("m_1", "m_2"):
-        assert study["recordings"][name]["mapping"]["inputs"][0]["columns"] == ["phi1", "phi2"]
+        table = study["recordings"][name]
+        assert table["mapping"]["inputs"][0]["columns"] == ["phi1", "phi2"]
         assert set(study["recordings"][name]["drive"]) == {"phi1", "phi2"}
     assert not {"mapping", "drive"} & set(study["recordings"][first])
 
@@ -65,7 +66,7 @@ def test_noise_at_rest_is_no_series_of_settled_poses(tmp_path: Path) -> None:
 
 
 def test_a_note_among_the_recordings_is_named(tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("# read me\nDate: Jan 10-4\nSetup:\n1-3 seg-1 10psi seg-2 15psi\n\nsee book 2\n")
+    (tmp_path / "notes.txt").write_text("# read me\nDate: Jan 10-4\nSetup:\n1-3 seg-1 10psi seg-2 15psi\n\nsee it\n")
     done = invoke("new", tmp_path / "s.toml", "--from", trunk(tmp_path / "m_1.csv", turns(1), 2),
                   tmp_path / "notes.txt")  # fmt: skip
     assert done.exit_code != 0

@@ -107,3 +107,73 @@ def test_left_handed_axes_are_stated(tmp_path: Path) -> None:
     for variable in ("position", "quaternion"):
         assert mirrored[variable].values == pytest.approx(read(right)[variable].values, abs=1e-9)
     assert read(left)["position"].values[0, 0, 2] == pytest.approx(-0.9)  # nothing is mirrored unless it is stated
+
+
+def lines_of(values: np.ndarray, mark: str) -> list[str]:
+    return [mark.join(f"{v:.3f}" for v in row) for row in values]
+
+
+def same(recording, lost: int = 0) -> None:
+    """Whether a recording holds `places` at 100 Hz, with some frames of the tip lost."""
+    assert np.diff(recording["time"].values) == pytest.approx(0.01)
+    expected = places().reshape(60, 2, 3) / 1e3
+    position = recording["position"].values
+    assert int(np.isnan(position[:, 1, 0]).sum()) == lost
+    known = np.isfinite(position)
+    assert position[known] == pytest.approx(expected[known], abs=1e-6)
+    assert [str(name) for name in recording["station"].values] == ["base", "tip"]
+
+
+QUALISYS = ["NO_OF_FRAMES\t60", "NO_OF_CAMERAS\t8", "NO_OF_MARKERS\t2", "FREQUENCY\t100", "DESCRIPTION\t--",
+            "TIME_STAMP\t2026-01-01, 10:00:00.000\t123.4", "DATA_INCLUDED\t3D", "MARKER_NAMES\tbase\ttip"]  # fmt: skip
+
+
+def test_a_table_of_qualisys(tmp_path: Path) -> None:
+    from pliant.errors import InputError
+
+    rows = lines_of(places(), "\t")
+    rows[20:24] = ["\t".join([*row.split("\t")[:3], "0.000", "0.000", "0.000"]) for row in rows[20:24]]
+    same(read(written(tmp_path / "a.tsv", *QUALISYS, *rows)), lost=4)
+    head = "Frame\tTime\t" + "\t".join(f"{name} {axis}" for name in ("base", "tip") for axis in "XYZ")
+    timed = [f"{k + 1}\t{k / 100:.5f}\t{row}" for k, row in enumerate(lines_of(places(), "\t"))]
+    same(read(written(tmp_path / "b.tsv", *QUALISYS, "TRAJECTORY_TYPES\tMeasured\tMeasured", head, *timed)))
+    with pytest.raises(InputError, match=r"60.*50"):
+        read(written(tmp_path / "c.tsv", *QUALISYS, *rows[:50]))
+    with pytest.raises(InputError, match="FREQUENCY"):
+        read(written(tmp_path / "d.tsv", *[line for line in QUALISYS if "FREQ" not in line], *rows))
+
+
+def test_trajectories_of_vicon_beside_analog_devices(tmp_path: Path) -> None:
+    from pliant.errors import InputError
+
+    rows = [f"{k + 41},0,{row}" for k, row in enumerate(lines_of(places(), ","))]
+    rows[30] = ",".join([*rows[30].split(",")[:5], "", "", ""])
+    block = ["Trajectories", "100", ",,arm:base,,,arm:tip,,", "Frame,Sub Frame,X,Y,Z,X,Y,Z", ",,mm,mm,mm,mm,mm,mm"]
+    block += rows
+    devices = ["Devices", "1000", ",,Pressure,", "Frame,Sub Frame,Voltage", ",,V",
+               *(f"{k // 10 + 41},{k % 10},{k % 5}" for k in range(600))]  # fmt: skip
+    for k, text in enumerate((block, [*devices, "", *block], [*block, "", *devices])):
+        recording = read(written(tmp_path / f"{k}.csv", *text))
+        same(recording, lost=1)
+        assert ("Devices" in recording.attrs["history"]) == (k > 0)
+    with pytest.raises(InputError, match="without trajectories"):
+        read(written(tmp_path / "x.csv", *devices))
+
+
+def test_tools_of_an_aurora(tmp_path: Path) -> None:
+    head = ["Tools"]
+    for k in range(2):
+        head += [f"Port {k + 1}: 34802", "Frame", "Face", "State", "Q0", "Qx", "Qy", "Qz", "Tx", "Ty", "Tz", "Error"]
+    rows = []
+    for k, place in enumerate(places()):
+        row = ["2"]
+        for part in (place[:3], place[3:]):
+            row += ["OK", str(900 + 4 * k), "0", "OK", "0.8", "0.0", "0.6", "0.0", *(f"{v:.3f}" for v in part), "0.1"]
+        rows.append(row)
+    for row in rows[10:13]:
+        row[13], row[16], row[17:25] = "MISSING", "MISSING", [""] * 8
+    path = written(tmp_path / "a.csv", ",".join(head), *(",".join(row) for row in rows))
+    recording = read(path, mapping={"rate_hz": 100.0, "length_unit": "mm"})
+    assert recording["station"].values.tolist() == ["tool_1", "tool_2"]
+    same(recording.assign_coords(station=["base", "tip"]), lost=3)
+    assert recording["quaternion"].values[0, 1] == pytest.approx([0.0, 0.6, 0.0, 0.8])

@@ -9,6 +9,7 @@ from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
 from pliant.recording.column_names import is_time
+from pliant.recording.instrument_tables import as_table
 from pliant.recording.joined_runs import with_runs
 from pliant.recording.tables import (
     DELIMITERS,
@@ -64,6 +65,9 @@ def table_lines(
     text, encoding = encoded_text(path)
     notes = [f"{path.name} is read as {encoding} text"] if encoding else []
     lines, name = text.split("\n"), path.name
+    if skip_lines is None:
+        lines, more = as_table(lines, name)
+        notes += more
     for k, line in enumerate(lines):
         if line.startswith(COMMENTS[1:]):
             lines[k] = "#" + line.lstrip("%/")
