@@ -20,6 +20,7 @@ from pliant.errors import InputError, shown
 from pliant.preprocessing.quaternion_order import ORDERS, shown_order
 from pliant.recording.clock import SECONDS
 from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, parted_clock, unit_of, words_of
+from pliant.recording.inclination import hanging
 from pliant.recording.joined_runs import TRIAL
 from pliant.recording.registry import describes_columns
 from pliant.study.input_guess import input_entries, pressure_question
@@ -215,6 +216,10 @@ def shape_entries(
     """
     if sensors:
         listed = {name: [table.names[k] for k in columns] for name, columns in sensors.items()}
+        if mounted := hanging({name: table.values[:, columns] for name, columns in sensors.items()}, "the table"):
+            return {"angles": listed, "inclination": mounted}, (
+                "accelerations and orientations without positions show the direction of gravity, and the body leaves a "
+                "plane; without inclination they become angles in one plane")
         return {"angles": listed}, "accelerations and orientations without positions become angles in one plane"
     unit, note = length_unit(table, stations)
     return {"camera": {"pixels_per_mm": OPEN}} if unit == PIXEL else {"length_unit": unit}, note
@@ -395,6 +400,9 @@ def asked(
     if mapping.get("time_unit") == OPEN:
         neutral["time_unit"] = "ms"
         questions["time_unit"] = "unit of the times, whole numbers in equal steps without a unit: s, ms, us or ns"
+    if "inclination" in mapping:
+        questions["inclination"] = ("down is gravity in the base frame, axes are those of each sensor along x, y and z "
+                                    "of its link: as if the body hung in its first frames")  # fmt: skip
     if mapping.get("camera"):
         neutral["camera"] = {"pixels_per_mm": 1.0}
     if (pressure := mapping.get("pressure")) and pressure["columns"] == OPEN:

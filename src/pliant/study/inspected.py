@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import permutations
+from itertools import permutations, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -212,10 +212,10 @@ def shortened(channels: Mapping[str, str]) -> dict[str, str]:
     long as each shorter name begins with a letter.
     """
     words = [re.split(r"(?<=[_ .:-])", name) for name in channels]
-    shared = [part[0] for part in zip(*words, strict=False) if len(set(part)) == 1] if len(words) > 1 else []
+    shared = [*takewhile(lambda part: len(set(part)) == 1, zip(*words, strict=False))] if len(words) > 1 else []
     for count in range(len(shared), 0, -1):
         short = ["".join(parts[count:]) for parts in words]
-        if all(name[:1].isalpha() for name in short):
+        if all(name[:1].isalpha() for name in short) and len(set(short)) == len(short):
             return dict(zip(short, channels.values(), strict=True))
     return dict(channels)
 
