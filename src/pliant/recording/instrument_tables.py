@@ -107,11 +107,13 @@ def of_vicon(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
 
 def of_aurora(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
     """Return the table of an NDI Aurora, whose names repeat for each tool, with the number of its tool in each name."""
-    names, tool = [], 0
+    names, tool, inside = [], 0, False
     for cell in lines[0].split(","):
         part = cell.strip().strip('"')
-        tool += part.startswith(("Port", "Tool ", "Handle"))
-        names.append(part if not tool else f"tool_{tool}_{AURORA.get(part, part.partition(':')[0])}")
+        begins = part.startswith(("Port", "Tool ", "Handle"))
+        tool, inside = tool + begins, inside or begins
+        names.append(f"tool_{tool}_{AURORA.get(part, part.partition(':')[0])}" if inside else part)
+        inside = inside and part != "Error"  # the last column of a tool
     if not tool or f"tool_{tool}_x [mm]" not in names:
         return list(lines), []
     return [",".join(names), *lines[1:]], [f"{name} is a table of an NDI tracker: {tool} tool(s) in mm"]
