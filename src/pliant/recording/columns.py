@@ -58,7 +58,7 @@ from pliant.recording.tables import (
     split_cells,
     without_text,
 )
-from pliant.recording.tidy import table_lines
+from pliant.recording.tidy import holds_rows, table_lines
 from pliant.recording.units_row import with_units
 from pliant.units import radian_per
 
@@ -127,20 +127,6 @@ def first_cells(path: Path, mapping: Mapping[str, Any]) -> list[str]:
     lines, _ = with_units(lines, first, delimiter, path.name)
     cells = split_cells(lines[first], delimiter) if line else []
     return cells[:-1] if cells[-1:] == [""] else cells
-
-
-def holds_rows(path: Path) -> bool:
-    """Return whether some line of a text table holds two numbers or more, and more numbers than words."""
-    for line in table_lines(path).lines:
-        cells = [cell for cell in split_cells(line, delimiter_of(line, None)) if cell]
-        if sum(map(is_number, cells)) > max(1, len(cells) / 2):
-            return True
-    return False
-
-
-def is_number(cell: str) -> bool:
-    """Return whether a cell holds a number, with a decimal point or comma."""
-    return NUMBER.fullmatch(cell.replace(",", ".")) is not None
 
 
 def _listed(path: Path) -> str:

@@ -90,6 +90,20 @@ def table_lines(
     return TableText(lines, [*notes, *more], runs)
 
 
+def holds_rows(path: Path) -> bool:
+    """Return whether some line of a text table holds two numbers or more, and more numbers than words."""
+    for line in table_lines(path).lines:
+        cells = [cell for cell in split_cells(line, delimiter_of(line, None)) if cell]
+        if sum(map(is_number, cells)) > max(1, len(cells) / 2):
+            return True
+    return False
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell holds a number, with a decimal point or comma."""
+    return NUMBER.fullmatch(cell.replace(",", ".")) is not None
+
+
 def following(lines: Sequence[str], first: int) -> list[int]:
     """Return the indices of the lines after `first` that are neither blank nor a comment."""
     return [k for k in range(first + 1, len(lines)) if lines[k].strip() and not lines[k].startswith("#")]

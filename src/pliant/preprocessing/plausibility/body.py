@@ -47,7 +47,7 @@ def length(case: Case) -> str:
         return ""
     other = next((pair for pair, factor in MISTAKEN.items() if 1 / NEARLY < whole / size / factor < NEARLY), None)
     remedy = "state length in metres, and check the unit of the positions" if other is None else (
-        f"if its positions are in {other[1]}, and not in {other[0]} as they are read, state "
+        f"if its positions are in {other[1].replace('in', 'inches')}, and not in {other[0]} as they are read, state "
         f'length_unit = "{other[1]}" in the mapping; else correct the length')
     return f"{stated}, but the recording reaches {size:.3g} m from the base: {remedy}"
 
