@@ -41,7 +41,7 @@ def test_seconds_since_midnight_of_a_fast_log_are_no_days(tmp_path: Path, rate: 
     assert np.diff(read(path)["time"].values) == pytest.approx(1 / rate, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["p_atm [kPa]", "pressure_ambient [mbar]", "barometer [hPa]", "p_atm"])
+@pytest.mark.parametrize("name", ["p_atm [kPa]", "pressure_ambient [mbar]", "barometer [hPa]"])
 def test_the_atmosphere_alone_is_no_input(tmp_path: Path, name: str) -> None:
     from pliant.study.first_reading import read_or_guess
 
@@ -49,6 +49,16 @@ def test_the_atmosphere_alone_is_no_input(tmp_path: Path, name: str) -> None:
     recording = read_or_guess(path, None).recording
     assert "pressure" not in recording
     assert name in recording.attrs["history"]
+
+
+def test_a_pressure_in_atm_varies_and_the_atmosphere_does_not(tmp_path: Path) -> None:
+    from pliant.study.first_reading import read_or_guess
+
+    for varies in (True, False):
+        air = [0.5 * np.sin(k / 9) ** 2 if varies else 1 + 1e-4 * k for k in range(60)]
+        rows = [f"{k / 50:.3f},{','.join(f'{v:.3f}' for v in row)},{air[k]}" for k, row in enumerate(places())]
+        path = written(tmp_path / "a.csv", ",".join(["time [s]", *NAMES, "p_atm"]), *rows)
+        assert ("pressure" in read_or_guess(path, None).recording) == varies
 
 
 def turning(path: Path, order: str, *, unity: bool = False, named: bool = True) -> Path:

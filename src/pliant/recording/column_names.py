@@ -249,8 +249,7 @@ def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:
 def unit_of(name: str, units: Iterable[str]) -> str:
     """Return which of the `units` the name of a column states at its end, in standard spelling; "" for none."""
     words = words_of(name)
-    last = standard_unit(words[-1]) if len(words) > 1 else ""
-    unit = _without_unit(name, units)[1] or ("" if last == "atm" else last)
+    unit = _without_unit(name, units)[1] or (standard_unit(words[-1]) if len(words) > 1 else "")
     return unit if unit in units else ""
 
 

@@ -32,6 +32,7 @@ ABSOLUTES = {"abs", "absolute"}
 PERCENT = {"%", "percent", "pct"}  # of a valve's duty or opening, which is 0 without pressure
 COUNTED = {"v", "volt", "volts", "mv", "ma", "counts", "count", "adc", "dac", "raw", "bit", "bits", "lsb"}
 ZERO = "the reading at rest at atmospheric pressure"
+VARIES = 0.2  # of its largest value: the air around a body varies less
 RAW, ABSOLUTE = "raw", "absolute"  # kinds of columns that become gauge pressures by numbers that a laboratory knows
 
 
@@ -84,7 +85,7 @@ def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, 
     kinds: dict[tuple[str, str], list[int]] = {}
     left, notes = [], []
     for k in columns:
-        known = ("", "") if AMBIENT.fullmatch(table.names[k]) else kind_of(table, k)
+        known = ("", "") if is_ambient(table, k) else kind_of(table, k)
         kinds.setdefault(known, []).append(k) if known[0] else left.append(k)
     for names, what in ((COMMANDED, "commands beside measured inputs"), (None, "supplies beside pressures of a body")):
         for key, members in kinds.items():
@@ -112,6 +113,15 @@ def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, 
             mapping["linear"] = {"actuation": {"scale": OPEN}} if len(kinds) == 1 else {
                 name: {"scale": OPEN} for name in entry["columns"]}  # fmt: skip
     return mapping, left, notes
+
+
+def is_ambient(table: PlainTable, k: int) -> bool:
+    """Return whether a column k holds the pressure of the air around a body; p_atm is a pressure in atm if it varies
+    much.
+    """
+    name, values = table.names[k], table.values[:, k]
+    in_atm = name.lower().endswith("atm") and np.nanmax(values) - np.nanmin(values) > VARIES * np.nanmax(np.abs(values))
+    return AMBIENT.fullmatch(name) is not None and not in_atm
 
 
 def is_outside(table: PlainTable, k: int) -> bool:

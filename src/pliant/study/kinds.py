@@ -176,7 +176,10 @@ class PoseOfRow(Kind):
 
 def stays(trial: Trial) -> bool:
     """Return whether several stations stay where they are, so that their rows differ by noise alone."""
-    places = np.nanmedian(trial.recording["position"].values, axis=0)
+    position = trial.recording["position"].values
+    places = np.nanmedian(position[:, np.isfinite(position).all(axis=2).any(axis=0)], axis=0)
+    if not len(places):
+        return False
     return trial.peak_motion < STAYS * float(np.linalg.norm(np.ptp(places, axis=0)))
 
 
