@@ -57,8 +57,9 @@ def test_a_pressure_in_atm_varies_and_the_atmosphere_does_not(tmp_path: Path) ->
     for varies in (True, False):
         air = [0.5 * np.sin(k / 9) ** 2 if varies else 1 + 1e-4 * k for k in range(60)]
         rows = [f"{k / 50:.3f},{','.join(f'{v:.3f}' for v in row)},{air[k]}" for k, row in enumerate(places())]
-        path = written(tmp_path / "a.csv", ",".join(["time [s]", *NAMES, "p_atm"]), *rows)
-        assert ("pressure" in read_or_guess(path, None).recording) == varies
+        for name in ("p_atm", "p [atm]"):
+            path = written(tmp_path / "a.csv", ",".join(["time [s]", *NAMES, name]), *rows)
+            assert ("pressure" in read_or_guess(path, None).recording) == (varies or name == "p [atm]")
 
 
 def turning(path: Path, order: str, *, unity: bool = False, named: bool = True) -> Path:

@@ -119,8 +119,9 @@ def is_ambient(table: PlainTable, k: int) -> bool:
     """Return whether a column k holds the pressure of the air around a body; p_atm is a pressure in atm if it varies
     much.
     """
-    name, values = table.names[k], table.values[:, k]
-    in_atm = name.lower().endswith("atm") and np.nanmax(values) - np.nanmin(values) > VARIES * np.nanmax(np.abs(values))
+    name, values = table.names[k].partition("[")[0].partition("(")[0].strip(), table.values[:, k]
+    width = np.nanmax(values) - np.nanmin(values)
+    in_atm = table.names[k].lower().endswith("atm") and bool(width > VARIES * np.nanmax(np.abs(values)))
     return AMBIENT.fullmatch(name) is not None and not in_atm
 
 
