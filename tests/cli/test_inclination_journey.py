@@ -52,7 +52,7 @@ def test_a_table_of_accelerations_is_inspected_and_drafted(tmp_path: Path) -> No
     path, mapping, study = leaning(tmp_path / "a.csv"), tmp_path / "map.toml", tmp_path / "s.toml"
     proposed = invoke("inspect", path)
     assert proposed.exit_code == 0
-    assert "table [inclination] of its mapping" in " ".join(proposed.output.split())
+    assert "? inclination: down is gravity in the base frame" in " ".join(proposed.output.split())
     mapping.write_text(MAPPING.replace("[0.6, 0.0, 0.8]", "[0, 0, 2]"))
     seen = json.loads(invoke("inspect", path, "--mapping", mapping, "--figure", tmp_path / "f.png", "--json").stdout)
     assert seen["station_names"] == ["mid", "tip"]

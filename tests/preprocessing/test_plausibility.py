@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.model import Tendon, chain_model
@@ -59,6 +60,16 @@ def turning(angle):
     return quality(make_recording(TIME, angle=angle[:, None], station=["tip"], frame="planar")).doubts
 
 
+def oriented(order):
+    """Doubts about the body with the orientations of its stations, whose sensors sit askew, in an order or inverted."""
+    bend = np.where(TIME > 1, 1.2 * (1 - np.exp(-4 * (TIME - 1)) * np.cos(12 * np.pi * (TIME - 1))), 0.0)
+    askew = Rotation.from_euler("xyz", [0.3, 0.8, -0.5])
+    turned = [Rotation.from_rotvec(np.outer(bend * s / LENGTH, [0.0, 0.0, 1.0])) * askew for s in S]
+    quaternion = np.stack([(t.inv() if order == "inverse" else t).as_quat() for t in turned], axis=1)
+    components = [3, 0, 1, 2] if order == "wxyz" else [0, 1, 2, 3]
+    return quality(make_recording(TIME, places(), station=NAMES, quaternion=quaternion[..., components])).doubts
+
+
 def from_the_tip():
     """Stations listed from the tip on, whose first is taken for the base."""
     ds = recording(places()[:, ::-1])
@@ -87,6 +98,8 @@ MISTAKES = {
     "unit of length": lambda: quality(recording(1e3 * places())).doubts,
     "unit of angle": lambda: turning(np.degrees(0.6 * (1 - np.cos(TIME)))),
     "unit of angle, the other way": lambda: turning(np.radians(0.6 * (1 - np.cos(TIME)))),
+    "order of quaternions": lambda: oriented("wxyz"),
+    "order of quaternions, inverted": lambda: oriented("inverse"),
     "exchanged labels": lambda: quality(recording(swapped(places()))).doubts,
     "moving base": from_the_tip,
     "plane": lambda: body(plane=[1.0, 0.0, 0.2]),
@@ -123,6 +136,7 @@ def test_right_inputs_are_left_in_peace():
     assert fitted() == {}
     assert fitted(diameter=0.025) == {}
     assert turning(0.6 * (1 - np.cos(TIME))) == {}
+    assert oriented("xyzw") == {}
 
 
 @pytest.mark.parametrize("p", [

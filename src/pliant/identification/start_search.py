@@ -59,8 +59,9 @@ def searched(
     if not ends:  # it says what is wrong
         return prepare(experiments, model, parameters)
     values = min(ends, key=lambda end: end[0])[1]
+    known = {p.name for p in listed if p.value is None and values[p.name] != 0.0}  # 0: of an input that acts later
     return prepare(experiments, model, [
-        p.with_(value=float(np.clip(values[p.name], p.lower, p.upper)), source="estimated") if p.value is None else p
+        p.with_(value=float(np.clip(values[p.name], p.lower, p.upper)), source="estimated") if p.name in known else p
         for p in listed
     ])  # fmt: skip
 

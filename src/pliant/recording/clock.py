@@ -16,6 +16,7 @@ COUNTERS = (2**16, 2**31, 2**32)  # ticks after which millis(), micros() and 16-
 YEAR_2000, YEAR_2100 = 9.466848e8, 4.1025312e9  # s since 1970
 SHEET_2000, SHEET_2100, DAY = 36526.0, 73051.0, 86400.0  # days since the end of 1899, as spreadsheets store dates; s
 SHORT = 5e-5  # least step of times in s: shorter ones between such numbers are fractions of a day
+SLOW, ROUNDED = 1e-3, 5e-3  # days: longest step between dates that is recognised; s: rounding of their digits
 NEAR = 0.02  # of the counter: how close to its end and to zero a wrap lies
 
 
@@ -36,7 +37,7 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
     back = np.flatnonzero(np.diff(ticks) < 0)
     wraps = []
     for i in back:
-        counter = next((c for c in COUNTERS if (1 - NEAR) * c <= ticks[i] < c and ticks[i + 1] < NEAR * c), None)
+        counter = wrapped_counter(ticks[i], ticks[i + 1])
         if unit == "s" or counter is None:
             raise InputError(
                 f"the time in {file} goes back from {ticks[i]:.10g} to {ticks[i + 1]:.10g} {unit} at row {i + 2} of "
@@ -51,14 +52,23 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
     return ticks * SECONDS[unit], [*epoch, line]
 
 
+def wrapped_counter(before: float, after: float) -> int | None:
+    """Return the counter of a logger that wrapped between two of its values; None if none did."""
+    return next((c for c in COUNTERS if (1 - NEAR) * c <= before < c and after < NEAR * c), None)
+
+
 def is_of_sheet(ticks: NDArray) -> bool:
     """Return whether times (T,) are days since the end of 1899, as spreadsheets store dates with times: their size is
-    that of a date of this century, and they rise by small fractions of a second.
+    that of a date of this century, and they rise by small fractions of a second, or by fractions below the time of a
+    millisecond that are whole seconds of a day.
     """
     known = ticks[np.isfinite(ticks)]
     step = np.diff(known)
-    return bool(step.size and SHEET_2000 <= known.min() <= known.max() < SHEET_2100
-                and (step >= 0.0).all() and 0.0 < np.median(step) < SHORT)
+    if not (step.size and SHEET_2000 <= known.min() <= known.max() < SHEET_2100 and (step >= 0.0).all()):
+        return False
+    whole = step * DAY - np.round(step * DAY)
+    return bool(0.0 < np.median(step) < SHORT or (
+        SHORT <= np.median(step) < SLOW and np.abs(whole).max() < ROUNDED))
 
 
 def since_1970(ticks: NDArray, unit: str, file: str) -> tuple[str, list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Column = int | str
+COMPONENT = re.compile(r"(?:.*(?:[\W_]|q))?([xyzw])", re.IGNORECASE)  # at the end of the name of a quaternion's column
 
 
 class EulerColumns(FileMapping):
@@ -68,6 +70,11 @@ class StationColumns(FileMapping):
     def _one_orientation(self) -> Self:
         if self.quaternion is not None and self.euler is not None:
             raise ValueError("give either quaternion or euler, not both")
+        named = [COMPONENT.fullmatch(c.partition(" [")[0]) for c in self.quaternion or [] if isinstance(c, str)]
+        letters = "".join(match[1].lower() for match in named if match)
+        if sorted(letters) == sorted("xyzw") and letters != "xyzw":
+            raise ValueError(f"quaternion lists {', '.join(letters)}, as the names of its columns say: list them in "
+                             "the order x, y, z, w")  # fmt: skip
         return self
 
 
@@ -163,6 +170,9 @@ class ColumnMapping(FileMapping):
     select : Select, optional
     rows : (first, last), optional
         Rows to keep after `select`, counted from 0, the last excluded.
+    left_handed : bool
+        Whether the axes of the positions and orientations are left-handed, as those of Unity are: z is reversed, which
+        makes them right-handed.
     """
 
     delimiter: str | None = None
@@ -185,6 +195,7 @@ class ColumnMapping(FileMapping):
     inputs: list[InputColumns] = Field(default=[])
     select: Select | None = None
     rows: tuple[int, int] | None = None
+    left_handed: bool = False
 
     @field_validator("inputs", mode="before")
     @classmethod
@@ -290,6 +301,9 @@ def station_arrays(
             history.append(f"orientation of {name} from Euler angles {columns.euler.order}, about {frame} axes")
     if any(len(c.position) == 2 for c in stations.values()):
         history.append("stations with two coordinates got z = 0")
+    if options.left_handed:
+        position, quaternion = position * [1.0, 1.0, -1.0], quaternion * [-1.0, -1.0, 1.0, 1.0]
+        history.append("z of the left-handed axes is reversed, which makes them right-handed")
     arrays: dict[str, Any] = {"position": position, "station": list(stations), "arc_length": options.arc_length}
     if not np.isnan(quaternion).all():
         arrays["quaternion"] = quaternion

@@ -47,6 +47,7 @@ LETTERS = set("afgoqvw")  # of quantities that are no positions
 OTHERS = re.compile(r"forces?|acc\w*|gyr\w*|mag(?!nets?$)\w*|vel\w*|speed|twist|torques?|moments?|wrench\w*|load_?cell|"
                     r"rot\w*|ang|angles?|angular|orient\w*|ori|quat\w*|grav\w*|imu\w*|euler\w*|omega|target|goal|ref|"
                     r"reference|cmd|command\w*|des|desired|setpoint|set_point")  # fmt: skip
+AMBIENT = re.compile(r"(?:.*[\W_])?(?:atm\w*|ambient|barom\w*)(?:[\W_].*)?", re.IGNORECASE)  # air around a body
 ELSEWHERE = r"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|atm\w*|ambient|barom\w*"  # not in the body
 PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
@@ -189,6 +190,8 @@ def _pressure(name: str) -> str | None:
     if not match or not unit or ABSOLUTE.search(bare):
         return None
     chamber = match[1] or match[2]
+    if chamber and AMBIENT.fullmatch(chamber):
+        return None
     return f"p_{unit}_{chamber}" if chamber else f"p_{unit}"
 
 

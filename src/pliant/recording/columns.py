@@ -43,6 +43,7 @@ from pliant.recording.column_arrays import (
 )
 from pliant.recording.column_names import PartedClock, completed
 from pliant.recording.inclination import gravity_rows, turning_angles
+from pliant.recording.joined_runs import RUN, refuse_several
 from pliant.recording.mapping import shorten
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
@@ -57,7 +58,7 @@ from pliant.recording.tables import (
     split_cells,
     without_text,
 )
-from pliant.recording.tidy import table_lines
+from pliant.recording.tidy import holds_rows, table_lines
 from pliant.recording.units_row import with_units
 from pliant.units import radian_per
 
@@ -75,6 +76,8 @@ CHANGING = "left-out column(s)"  # begins the sentence on columns that a mapping
 def read_columns(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Read a plain table of numbers as a recording; `mapping` states which columns hold what, and their units."""
     if not mapping:
+        if not holds_rows(path):
+            raise InputError(f"{path.name} holds text and no rows of numbers: leave it out, or export the table again")
         raise InputError(f"{path.name} is a plain table: give a mapping that names its columns (time or rate_hz, "
                          f"length_unit, stations or points){_listed(path)}")  # fmt: skip
     mapping, named = completed(mapping, first_cells(path, mapping), path.name)
@@ -116,8 +119,8 @@ def first_cells(path: Path, mapping: Mapping[str, Any]) -> list[str]:
     """Return the cells of the first row of a table behind the lines that its mapping skips."""
     skipped, stated, header = mapping.get("skip_lines"), mapping.get("delimiter"), mapping.get("header")
     skipped, stated = skipped if isinstance(skipped, int) else None, stated if isinstance(stated, str) else None
-    lines, _ = table_lines(path, skip_lines=skipped, delimiter=stated or None,
-                           header=header if isinstance(header, bool) else None)  # fmt: skip
+    lines, _, _ = table_lines(path, skip_lines=skipped, delimiter=stated or None,
+                              header=header if isinstance(header, bool) else None)  # fmt: skip
     first = first_row(lines, preamble_of(lines) if skipped is None else skipped)
     line = lines[first] if first < len(lines) else ""
     delimiter = delimiter_of(line, stated or None)
@@ -137,7 +140,10 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
     """Return the header of a table, its numbers (R, K) with NaN for texts, the texts (R,) of the columns that the
     mapping uses as texts, and sentences for the history.
     """
-    lines, tidied = table_lines(path, skip_lines=options.skip_lines, delimiter=options.delimiter, header=options.header)
+    lines, tidied, runs = table_lines(path, skip_lines=options.skip_lines, delimiter=options.delimiter,
+                                      header=options.header)  # fmt: skip
+    if options.select is None and options.rows is None:
+        refuse_several(runs, path.name)
     first = preamble_of(lines) if options.skip_lines is None else options.skip_lines
     above = [*tidied, f"{first} line(s) above the table of {path.name} were skipped"] \
         if first and not options.skip_lines else tidied
@@ -424,10 +430,14 @@ def _layout(options: ColumnMapping, header: ColumnHeader) -> dict[str, StationCo
 
 def trials_in_table(path: Path, mapping: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the options of each trial of a table by the trial's value in the column of `select`, where the mapping
-    states no value; empty otherwise.
+    states no value, or by the number of its run, where the table holds several; empty otherwise.
     """
     mapping, _ = completed(mapping, first_cells(path, mapping), path.name)
     options = ColumnMapping.load(mapping, path.name)
+    if options.select is None and options.rows is None and RUN in first_cells(path, mapping):
+        runs = table_lines(path, skip_lines=options.skip_lines, delimiter=options.delimiter, header=options.header).runs
+        return {str(k): {**mapping, "select": {"column": RUN, "value": k}} for k in range(1, runs + 1)} \
+            if runs > 1 else {}  # fmt: skip
     if options.select is None or options.select.value is not None:
         return {}
     column = options.select.column

@@ -4,6 +4,7 @@ which each turns in a plane, or the direction of gravity in the axes of its link
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 LEAST_TURN = 0.01  # rad: below this an axis of rotation cannot be found
 MOST_ASIDE = 0.15  # fraction of the rotation about other axes above which the history warns
+FIRST = 20  # frames in which a body is taken to be at rest
 SHAKEN = 0.1  # relative change of the measured gravity above which the history warns
 UP = np.array([0.0, 0.0, 1.0])  # of the fixed axes in which sensors state their orientation
 
@@ -133,6 +135,27 @@ def _shaken(acceleration: NDArray, name: str) -> list[str]:
     text = (f"{WARNING}the acceleration of {clipped(name, 40)} varies by {100 * shaken:.0f} %, so it is not gravity "
             "alone: its angle is wrong while the body moves fast")  # fmt: skip
     return [text] if shaken > SHAKEN else []
+
+
+def hanging(sensors: Mapping[str, NDArray], file: str) -> dict[str, Any]:
+    """Return the entries `down` and `axes` of `InclinationMapping` for sensors (T, 3) or (T, 4) on a body that leaves a
+    plane, as if it hung in the first frames; empty if it stays in a plane. The axis of a sensor nearest to gravity then
+    points along its link, and its other axes keep their order.
+    """
+    with suppress(InputError):
+        planar = all((_from_gravity if values.shape[1] == 3 else _from_orientation)(values, name, file)[1] <= MOST_ASIDE
+                     for name, values in sensors.items())  # fmt: skip
+        if planar:
+            return {}
+    axes = {}
+    for name, values in sensors.items():
+        down, _ = _down(values, "acceleration", name, file)
+        first = np.nanmedian(down[np.isfinite(down).all(axis=1)][:FIRST], axis=0)
+        along = int(np.argmax(np.abs(first)))
+        x, y = (("y", "z"), ("z", "x"), ("x", "y"))[along]
+        sign = "-" if first[along] < 0 else ""
+        axes[name] = [x, f"{sign}{y}", f"{sign}{'xyz'[along]}"]
+    return {"down": [0.0, 0.0, 1.0], "axes": axes}
 
 
 def turning_angles(sensors: Mapping[str, NDArray], file: str) -> tuple[NDArray, list[str]]:

@@ -11,10 +11,11 @@ import numpy as np
 from pliant.errors import InputError, clipped
 from pliant.recording.apart import read_apart
 from pliant.recording.arrays import USUAL_NAMES, recording_from_arrays, trials_in_arrays
+from pliant.recording.column_names import SHAPES
 from pliant.recording.columns import trials_in_table
 from pliant.recording.mapping import shorten
 from pliant.recording.npz import arrays_of
-from pliant.recording.registry import ENDINGS, Reader
+from pliant.recording.registry import ENDINGS, Reader, describes_columns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -161,7 +162,8 @@ def matlab_arrays(stored: Mapping[str, NDArray], facts: dict[str, Any]) -> tuple
 def trials_of(path: Path, mapping: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
     """Return the options by which each trial of a file is read, by the name of the trial; empty for a file with one.
 
-    A table holds several trials if its mapping has ``select`` without a value. A MATLAB file does if ``struct`` of its
+    A table holds several trials if its mapping has ``select`` without a value, or if its names are repeated or its
+    times begin anew, and its mapping describes the columns of its shape. A MATLAB file does if ``struct`` of its
     mapping names an array of structs or, without a mapping, if it has one array of structs with usual names. An .npz
     file does if its positions have four dimensions.
 
@@ -176,7 +178,9 @@ def trials_of(path: Path, mapping: Mapping[str, Any] | None) -> dict[str, dict[s
         return trials_in_mat(path, mapping)
     if path.suffix.lower() == ".npz":
         return trials_in_arrays(arrays_of(path), mapping, path.name)
-    return trials_in_table(path, mapping) if mapping and "select" in mapping else {}
+    if mapping and ("select" in mapping or (set(SHAPES) & set(mapping) and describes_columns(mapping))):
+        return trials_in_table(path, mapping)
+    return {}
 
 
 READER = Reader("mat", ENDINGS["mat"], read_mat)

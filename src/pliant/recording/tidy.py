@@ -9,6 +9,8 @@ from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
 from pliant.recording.column_names import is_time
+from pliant.recording.instrument_tables import as_table
+from pliant.recording.joined_runs import with_runs
 from pliant.recording.tables import (
     DELIMITERS,
     MARKS,
@@ -40,10 +42,13 @@ SUMMARIES = {"mean", "average", "avg", "std", "stdev", "std dev", "sd", "min", "
 
 
 class TableText(NamedTuple):
-    """Lines of a table, and sentences for the history on what was changed in them."""
+    """Lines of a table, sentences for the history on what was changed in them, and the number of runs below each
+    other, which the column `RUN` numbers if there are several.
+    """
 
     lines: list[str]
     notes: list[str]
+    runs: int = 1
 
 
 def table_lines(
@@ -60,6 +65,9 @@ def table_lines(
     text, encoding = encoded_text(path)
     notes = [f"{path.name} is read as {encoding} text"] if encoding else []
     lines, name = text.split("\n"), path.name
+    if skip_lines is None:
+        lines, more = as_table(lines, name)
+        notes += more
     for k, line in enumerate(lines):
         if line.startswith(COMMENTS[1:]):
             lines[k] = "#" + line.lstrip("%/")
@@ -75,7 +83,25 @@ def table_lines(
         if skip_lines is not None and step is names_above:
             continue
         notes += step(lines, first, mark, name)
-    return TableText(lines, notes)
+    first = first_row(lines, preamble_of(lines) if skip_lines is None else skip_lines)
+    if header is False or first >= len(lines):
+        return TableText(lines, notes)
+    more, runs = with_runs(lines, first, delimiter_of(lines[first], delimiter), name)
+    return TableText(lines, [*notes, *more], runs)
+
+
+def holds_rows(path: Path) -> bool:
+    """Return whether some line of a text table holds two numbers or more, and more numbers than words."""
+    for line in table_lines(path).lines:
+        cells = [cell for cell in split_cells(line, delimiter_of(line, None)) if cell]
+        if sum(map(is_number, cells)) > max(1, len(cells) / 2):
+            return True
+    return False
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell holds a number, with a decimal point or comma."""
+    return NUMBER.fullmatch(cell.replace(",", ".")) is not None
 
 
 def following(lines: Sequence[str], first: int) -> list[int]:

@@ -36,6 +36,7 @@ from pliant.recording.column_names import (
     unitless_pressures,
 )
 from pliant.recording.columns import changing_columns, first_cells, kept_rows, read_columns, without_idle
+from pliant.recording.joined_runs import refuse_several
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
@@ -100,7 +101,7 @@ class TableMetadata(FileMapping):
 
 
 BENT = re.compile(r"(?:curvature|curv|kappa)", re.IGNORECASE)  # beginning of names of curvatures
-COLUMNS_ALONE = frozenset(("rate_hz", "time", "select", "time_unit", "input_time", "camera"))
+COLUMNS_ALONE = frozenset(("rate_hz", "time", "select", "time_unit", "input_time", "camera", "left_handed"))
 KNOWN_METADATA = frozenset(TableMetadata.model_fields)
 
 
@@ -110,10 +111,12 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
     """
     if COLUMNS_ALONE & set(mapping or {}):
         return Reading(read_columns(path, mapping))
-    lines, tidied = table_lines(path)
+    lines, tidied, runs = table_lines(path)
     metadata, start = _metadata(path, lines)
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
     metadata = TableMetadata.load(metadata, path.name, "metadata of").model_dump(exclude_unset=True)
+    if not isinstance(metadata.get("rows"), tuple):
+        refuse_several(runs, path.name)
     delimiter = find_delimiter(lines[start], path.name)
     lines, united = with_units(lines, start, delimiter, path.name)
     cells = split_cells(lines[start], delimiter)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -16,10 +17,14 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError, shown
+from pliant.preprocessing.quaternion_order import ORDERS, shown_order
 from pliant.recording.clock import SECONDS
 from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, parted_clock, unit_of, words_of
+from pliant.recording.inclination import hanging
+from pliant.recording.joined_runs import TRIAL
 from pliant.recording.registry import describes_columns
 from pliant.study.input_guess import input_entries, pressure_question
+from pliant.study.long_tables import refuse_long
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import (
     PlainTable,
@@ -34,7 +39,6 @@ Array = np.ndarray
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
 NUMBERED = re.compile(r"p\d+|base|tip")
 CLOCKS = ("t", "time")  # names of times that come before others, such as clock
-TRIAL = {"id", "trial", "run", "rep", "repetition", "experiment", "session", "sample"}
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
 MILLISECONDS, ROUGH = 5, 0.8  # least whole step of such times; change of successive steps of a motion, at most
 SLOW = 10  # least constant whole step of times that may be seconds as well, as in the log of a creep
@@ -120,9 +124,20 @@ def guessed_table(path: Path, stated: Mapping[str, Any] | None = None) -> TableG
         guess = None if table is None else (named if table.names else unnamed)(table, stated)
     except InputError:
         return None
+    refuse_bodies_in_rows(path, stated, table)
     if guess is not None and table is not None and not {"camera", "length_unit"} & set(stated):
         refuse_units(table.names, guess.mapping, path.name)
     return None if guess is None else guess.beside(stated)
+
+
+def refuse_bodies_in_rows(path: Path, stated: Mapping[str, Any], table: PlainTable | None = None) -> None:
+    """Raise InputError if each row of a text table holds one of several bodies, and nothing stated chooses one."""
+    if path.suffix.lower() not in TABLES or not path.is_file() or {"select", "stations", "format"} & set(stated):
+        return
+    with suppress(InputError):
+        table = table or plain_table(path)
+    if table is not None:
+        refuse_long(table, path.name)
 
 
 def refuse_units(names: Sequence[str], mapping: Mapping[str, Any], file: str) -> None:
@@ -201,6 +216,10 @@ def shape_entries(
     """
     if sensors:
         listed = {name: [table.names[k] for k in columns] for name, columns in sensors.items()}
+        if mounted := hanging({name: table.values[:, columns] for name, columns in sensors.items()}, "the table"):
+            return {"angles": listed, "inclination": mounted}, (
+                "accelerations and orientations without positions show the direction of gravity, and the body leaves a "
+                "plane; without inclination they become angles in one plane")
         return {"angles": listed}, "accelerations and orientations without positions become angles in one plane"
     unit, note = length_unit(table, stations)
     return {"camera": {"pixels_per_mm": OPEN}} if unit == PIXEL else {"length_unit": unit}, note
@@ -278,7 +297,7 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     counters = [k for k in range(min(2, width)) if table.whole(k) and counts(values[:, k])]
     clock = next((k for k in range(min(3, width)) if k not in {*counters, *inputs} and rises(values[:, k])), None)
     rest = [k for k in range(width) if k not in {*counters, *inputs, clock}]
-    stations = posed(table)
+    stations, of_turns = posed(table)
     steps = [] if stations or inputs else [k for k in rest if table.whole(k) and table.changes(k)]
     positions = [k for k in rest if k not in steps]
     if not stations and positions and len(positions) % 3 == 0:
@@ -292,7 +311,7 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     mapping: dict[str, Any] = {**delimited(table), **timed, "length_unit": unit, "stations": stations}
     used = {k for parts in stations.values() for columns in parts.values() for k in columns}
     left = [k for k in rest if k not in {*used, *steps} and table.changes(k)]
-    notes = [note, of_times]
+    notes = [note, of_times, of_turns]
     if steps:
         mapping |= {"inputs": [{"columns": steps, "kind": "displacement", "unit": "mm"}],
                     "linear": {"actuation": {"scale": OPEN}}}  # fmt: skip
@@ -302,16 +321,25 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     return asked(mapping, table, notes, None, left)
 
 
-def posed(table: PlainTable) -> dict[str, dict[str, list[int]]]:
-    """Return the stations whose positions have a quaternion beside them: name -> column indices."""
-    stations: dict[str, dict[str, list[int]]] = {}
-    last = -7
+def posed(table: PlainTable) -> tuple[dict[str, dict[str, list[int]]], str]:
+    """Return the stations whose positions have a quaternion beside them, as name -> column indices, and a sentence on
+    the order of its components, which the positions show or which is taken as x, y, z, w.
+    """
+    begins: list[int] = []
     for k in range(3, table.values.shape[1] - 3):
-        if k >= last + 7 and is_rotation(table.values[:, k : k + 4]):
-            last = k
-            stations[f"p{len(stations) + 1}"] = {"position": [k - 3, k - 2, k - 1],
-                                                 "quaternion": [k, k + 1, k + 2, k + 3]}  # fmt: skip
-    return stations
+        if k >= (begins[-1] if begins else -4) + 7 and is_rotation(table.values[:, k : k + 4]):
+            begins.append(k)
+    if not begins:
+        return {}, ""
+    shape = (len(table.values), len(begins))
+    place = table.values[:, [j for k in begins for j in range(k - 3, k)]].reshape(*shape, 3)
+    turn = table.values[:, [j for k in begins for j in range(k, k + 4)]].reshape(*shape, 4)
+    order = shown_order(place, turn)
+    components = ORDERS.get(order, ORDERS["x, y, z, w"])
+    note = f"quaternions are read as {order}, as the positions show" if order in ORDERS else \
+        "quaternions are taken as x, y, z, w, which the motion does not show: correct their order if it is another"
+    return {f"p{s + 1}": {"position": [k - 3, k - 2, k - 1], "quaternion": [k + c for c in components]}
+            for s, k in enumerate(begins)}, note  # fmt: skip
 
 
 def counts(values: Array) -> bool:
@@ -372,6 +400,9 @@ def asked(
     if mapping.get("time_unit") == OPEN:
         neutral["time_unit"] = "ms"
         questions["time_unit"] = "unit of the times, whole numbers in equal steps without a unit: s, ms, us or ns"
+    if "inclination" in mapping:
+        questions["inclination"] = ("down is gravity in the base frame, axes are those of each sensor along x, y and z "
+                                    "of its link: as if the body hung in its first frames")  # fmt: skip
     if mapping.get("camera"):
         neutral["camera"] = {"pixels_per_mm": 1.0}
     if (pressure := mapping.get("pressure")) and pressure["columns"] == OPEN:

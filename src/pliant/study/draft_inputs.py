@@ -44,9 +44,9 @@ def inputs(out: Lines, inspected: Inspected) -> None:
 
 def input_names(inspected: Inspected) -> list[str]:
     """Return the names of the model's inputs; [] for a single pressure, which has no name."""
-    if inspected.poses and not inspected.first.tendon_inputs and not inspected.channels:
+    if inspected.poses and not inspected.driven.tendon_inputs and not inspected.channels:
         return list(levels_by_name(inspected.trials)[inspected.first.name])
-    return [*inspected.channels, *(signal.name for signal in inspected.first.tendon_inputs)]
+    return [*inspected.channels, *(signal.name for signal in inspected.driven.tendon_inputs)]
 
 
 def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
@@ -108,9 +108,10 @@ def chambers_in_plane(out: Lines, inspected: Inspected) -> None:
 
 def chambers(out: Lines, inspected: Inspected) -> None:
     """Write the chambers of a body in space, each with the azimuth that the recording shows."""
-    trial = inspected.first_aligned
-    degrees = [] if trial.aligned is None else azimuths(trial.aligned)
     for name, channel in inspected.channels.items():
+        trial = next((one for one in inspected.trials if one.aligned is not None and channel in several(one.recording)),
+                     inspected.first_aligned)
+        degrees = [] if trial.aligned is None else azimuths(trial.aligned)
         out.item("actuator.chambers", name)
         out.put("torque", [1e-6], "N m/Pa, multiplied by the fitted gains")
         in_degrees = degrees and channel in several(trial.recording)
@@ -119,7 +120,7 @@ def chambers(out: Lines, inspected: Inspected) -> None:
 
 def tendons(out: Lines, inspected: Inspected) -> None:
     """Write the tendons of a body in space, with the azimuth and the joints that the recording shows for each."""
-    trial = inspected.first_aligned
+    trial = inspected.driven
     if not trial.tendon_inputs:
         return
     shared_by_tendons(out, {signal.kind for signal in trial.tendon_inputs})
@@ -170,7 +171,7 @@ def can_be_slack(inspected: Inspected) -> list[str]:
     than like themselves: tendons that were let out hang slack. Settled poses show it; a motor that turns is taken as
     one with two opposite tendons.
     """
-    names = [pull.name for pull in inspected.first.tendon_inputs if pull.kind == "displacement" and both_ways(pull)]
+    names = [pull.name for pull in inspected.driven.tendon_inputs if pull.kind == "displacement" and both_ways(pull)]
     if not names or not inspected.poses:
         return []
     error = np.zeros(2)

@@ -10,6 +10,7 @@ import numpy as np
 from pliant.preprocessing.align import without_unseen
 from pliant.preprocessing.quality import standing_stations
 from pliant.recording.typed_steps import held_sentences
+from pliant.study.column_guess import TableGuess
 from pliant.study.draft_inputs import channels
 from pliant.study.inspected import DIVIDED, LATER, Inspected
 from pliant.study.kinds import Kind, TrialOfDraft
@@ -59,10 +60,7 @@ def recording(
         if trial.guess.trials and trial.number is not None:
             column, numbers = trial.guess.trials
             out.put("select", {"column": column, "values": numbers}, "a recording for each trial")
-        first = inspected.first.guess
-        stations = trial.guess.mapping.get("stations")
-        if first is not None and stations != first.mapping.get("stations"):
-            out.put("mapping", {"stations": stations}, "the order of the stations in this file")
+        columns(out, trial.guess, inspected)
     elif trial.mapping:
         out.put("mapping", trial.mapping)
     if not kind.poses and (moving := moving_beside(trial)) is not None:
@@ -73,6 +71,18 @@ def recording(
         out.put("alignment", {"options": {"rest": trial.options["rest"]}}, why_rest(trial))
     elif (rest := stated_rest(trial, kind)) is not None:
         out.put("alignment", {"options": {"rest": rest}}, NEVER)
+
+
+def columns(out: Lines, guess: TableGuess, inspected: Inspected) -> None:
+    """Write the entries of a proposed mapping that this file alone has, or has in its own way."""
+    mapping = {name: value for name, value in guess.mapping.items() if name in inspected.entries_apart}
+    comment = "the columns of this file"
+    stations, first = guess.mapping.get("stations"), inspected.first.guess
+    if first is not None and stations != first.mapping.get("stations"):
+        comment = comment if mapping else "the order of the stations in this file"
+        mapping["stations"] = stations
+    if mapping:
+        out.put("mapping", mapping, comment)
 
 
 def why_rest(trial: Trial) -> str:

@@ -40,7 +40,7 @@ def mapping_table(out: Lines, inspected: Inspected) -> None:
         out.table("mapping")
         out.say("proposed from names, units, ranges and integer steps of the columns: check it", *guess.notes)
         for name, value in guess.mapping.items():
-            if name == "stations" or name in inspected.first.assumed:
+            if name == "stations" or name in inspected.first.assumed or name in inspected.entries_apart:
                 continue
             if name == "rate_hz" and inspected.poses and value == OPEN:
                 out.put(name, 1.0, "the rows are settled poses, whose times have no effect")

@@ -18,7 +18,7 @@ from pliant.recording.mat import trials_of
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
 from pliant.recording.rules import shape_variable
 from pliant.sensing import read_shape
-from pliant.study.column_guess import MILLIMETRES, TableGuess, extent, guessed_table
+from pliant.study.column_guess import MILLIMETRES, TableGuess, extent, guessed_table, refuse_bodies_in_rows
 
 TRACKERS = ("deeplabcut", "sleap")
 MADE_UP = {"rate_hz": 30.0, "pixels_per_mm": 1.0}
@@ -52,6 +52,8 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
     shown = shape_variable(recording)
     shape = bool(shown) or "strain" in recording
     wrong_scale = not stated and too_large(recording)
+    if recording.sizes.get("station") == 1 and shown == "position":
+        refuse_bodies_in_rows(path, stated)
     if shape and not wrong_scale and (shown != "position" or {"pressure", "actuation", "strain"} & set(recording)):
         return FirstReading(recording, {})
     guess = guessed_table(path, stated)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.recording.column_names import NOT_INSIDE, bracketed_unit, unit_of, words_of
+from pliant.recording.column_names import AMBIENT, NOT_INSIDE, bracketed_unit, unit_of, words_of
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import PlainTable
 from pliant.units import METRE, NEWTON, PASCAL, RADIAN, absolute_unit, pascal_per
@@ -32,6 +32,7 @@ ABSOLUTES = {"abs", "absolute"}
 PERCENT = {"%", "percent", "pct"}  # of a valve's duty or opening, which is 0 without pressure
 COUNTED = {"v", "volt", "volts", "mv", "ma", "counts", "count", "adc", "dac", "raw", "bit", "bits", "lsb"}
 ZERO = "the reading at rest at atmospheric pressure"
+VARIES = 0.2  # of its largest value: the air around a body varies less
 RAW, ABSOLUTE = "raw", "absolute"  # kinds of columns that become gauge pressures by numbers that a laboratory knows
 
 
@@ -84,7 +85,7 @@ def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, 
     kinds: dict[tuple[str, str], list[int]] = {}
     left, notes = [], []
     for k in columns:
-        known = kind_of(table, k)
+        known = ("", "") if is_ambient(table, k) else kind_of(table, k)
         kinds.setdefault(known, []).append(k) if known[0] else left.append(k)
     for names, what in ((COMMANDED, "commands beside measured inputs"), (None, "supplies beside pressures of a body")):
         for key, members in kinds.items():
@@ -112,6 +113,16 @@ def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, 
             mapping["linear"] = {"actuation": {"scale": OPEN}} if len(kinds) == 1 else {
                 name: {"scale": OPEN} for name in entry["columns"]}  # fmt: skip
     return mapping, left, notes
+
+
+def is_ambient(table: PlainTable, k: int) -> bool:
+    """Return whether a column k holds the pressure of the air around a body; p_atm is a pressure in atm if it varies
+    much.
+    """
+    name, values = table.names[k].partition("[")[0].partition("(")[0].strip(), table.values[:, k]
+    width = np.nanmax(values) - np.nanmin(values)
+    in_atm = table.names[k].lower().endswith("atm") and bool(width > VARIES * np.nanmax(np.abs(values)))
+    return AMBIENT.fullmatch(name) is not None and not in_atm
 
 
 def is_outside(table: PlainTable, k: int) -> bool:

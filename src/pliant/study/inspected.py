@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import permutations
+from itertools import permutations, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from pliant.preprocessing.plausibility.together import alike
 from pliant.recording.column_names import words_of
 from pliant.study.first_reading import several, with_logs
 from pliant.study.kinds import Kind, PoseOfFile, PoseOfRow, UnrecordedPressure, WithoutCause, recognised
+from pliant.study.shorthand import OPEN
 from pliant.study.trial import (
     Trial,
     from_first_frames,
@@ -67,6 +69,24 @@ class Inspected:
     def first_aligned(self) -> Trial:
         """Return the first recording that could be aligned in the base frame, or the first if none could."""
         return next((trial for trial in self.trials if trial.aligned is not None), self.trials[0])
+
+    @property
+    def driven(self) -> Trial:
+        """Return the recording with the most inputs of tendons, an aligned one if there is one. If none has any, it is
+        `first_aligned`.
+        """
+        return max([self.first_aligned, *self.trials],
+                   key=lambda trial: (len(trial.tendon_inputs), trial.aligned is not None))  # fmt: skip
+
+    @cached_property
+    def entries_apart(self) -> set[str]:
+        """Return the names of the entries of the proposed mappings, beside the stations, that are known in all and not
+        alike: each recording has its own.
+        """
+        mappings = [trial.guess.mapping for trial in self.trials if trial.guess is not None]
+        return {name for mapping in mappings for name in mapping if name != "stations"
+                and any(other.get(name) != mapping[name] for other in mappings)
+                and all(OPEN not in json.dumps(other.get(name)) for other in mappings)}  # fmt: skip
 
     @property
     def poses(self) -> bool:
@@ -192,10 +212,10 @@ def shortened(channels: Mapping[str, str]) -> dict[str, str]:
     long as each shorter name begins with a letter.
     """
     words = [re.split(r"(?<=[_ .:-])", name) for name in channels]
-    shared = [part[0] for part in zip(*words, strict=False) if len(set(part)) == 1] if len(words) > 1 else []
+    shared = [*takewhile(lambda part: len(set(part)) == 1, zip(*words, strict=False))] if len(words) > 1 else []
     for count in range(len(shared), 0, -1):
         short = ["".join(parts[count:]) for parts in words]
-        if all(name[:1].isalpha() for name in short):
+        if all(name[:1].isalpha() for name in short) and len(set(short)) == len(short):
             return dict(zip(short, channels.values(), strict=True))
     return dict(channels)
 

@@ -25,6 +25,7 @@ Array = np.ndarray
 STILL = 0.05  # of the displacement between files: a file whose stations move less holds one pose
 APART_S = 0.3  # s between rows (median): a soft body has settled before the next row
 MANY_POSES = 300  # of a file, that determine a model as well as all of them
+STAYS = 0.01  # largest displacement over the distance of the stations, of a body at rest
 JUMP = 0.1  # of the spread of the tip: rows of settled poses differ by more (root mean square)
 ROUGH = 0.8  # change of successive steps over the steps: rows without a motion between them, if no time is known
 FRACTION, FEWEST = 0.02, 500  # of the motion that thinning may lose, and the frames that it leaves
@@ -149,6 +150,8 @@ class PoseOfRow(Kind):
         trial = one.trial
         if trial.angles_only or trial.recording.attrs["frame"] == "planar" or not moving_inputs(trial):
             return ""
+        if stays(trial):
+            return ""
         tip = trial.recording["position"].values[:, -1]
         tip = tip[np.isfinite(tip).all(axis=1)]
         if len(tip) < 3 or not (spread := float(tip.std(axis=0).max())):
@@ -169,6 +172,15 @@ class PoseOfRow(Kind):
         count = int(one.trial.recording.sizes["time"])
         if (every := count // MANY_POSES) > 1:
             out.put("every", every, f"{-(-count // every)} of {count} poses are used; remove this line to use all")
+
+
+def stays(trial: Trial) -> bool:
+    """Return whether several stations stay where they are, so that their rows differ by noise alone."""
+    position = trial.recording["position"].values
+    places = np.nanmedian(position[:, np.isfinite(position).all(axis=2).any(axis=0)], axis=0)
+    if not len(places):
+        return False
+    return trial.peak_motion < STAYS * float(np.linalg.norm(np.ptp(places, axis=0)))
 
 
 class MeasuredInputs(Kind):

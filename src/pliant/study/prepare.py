@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pliant.errors import InputError
+from pliant.errors import InputError, inside
 from pliant.identification import Experiment, experiment
 from pliant.identification.drives import driving
 from pliant.identification.from_recording import base_of
@@ -201,7 +201,8 @@ def in_frame(
     own = study.recordings[name].alignment
     if normal is not None and not {"plane", "bend"} & set(own.options if own else ()):
         options |= {"plane": normal, "bend": None}
-    return stations, with_moved_base(study.recordings[name], stations, options), ""
+    with inside(f"recording {name}"):
+        return stations, with_moved_base(study.recordings[name], stations, options), ""
 
 
 def with_moved_base(entry: Recording, stations: xr.Dataset, options: dict[str, Any]) -> xr.Dataset:

@@ -22,6 +22,10 @@ STIFFEST = 5e3  # Pa, EI / L^4: a solid rod of 8 MPa, a third as wide as long
 MODULUS = (1e3, 1e9)  # Pa: hydrogel, and a hard plastic
 ROUND = np.pi / 64  # second moment of area of a solid round section, over the fourth power of its diameter
 LARGEST_ARM = np.pi / 8  # area of that section times its radius, over the third power of its diameter
+MOST_MOVED = 2.2  # largest displacement of a point over the length of its body
+MISTAKEN = {("mm", "cm"): 10.0, ("mm", "in"): 25.4, ("mm", "m"): 1e3, ("m", "in"): 0.0254, ("m", "cm"): 0.01,
+            ("m", "mm"): 1e-3}  # length of a unit over that of the unit in which positions are read
+NEARLY = 1.3
 USUAL_WIDTH = 0.4  # assumed diameter relative to the length where none is stated
 
 
@@ -32,11 +36,32 @@ def length(case: Case) -> str:
     if not LEAST_BODY < case.length < MOST_BODY:
         return f"length = {case.length:g} m is implausible for a soft body: state length in metres"
     size, whole = reach(case), case.length + case.base_length
-    if size is None or SHORTER * size <= whole <= LONGER * size:
-        return ""
     stated = f"length = {case.length:g} m" + (f" and base_length = {case.base_length:g} m" if case.base_length else "")
-    return (f"{stated}, but the recording reaches {size:.3g} m from the base: state length in "
-            "metres, and check the unit of the positions")  # fmt: skip
+    if size is None:
+        wide = displacement(case)
+        if wide is None or wide <= MOST_MOVED * whole:
+            return ""
+        return (f"{stated}, but a point of the recording moves by {wide:.3g} m: state length_unit in the mapping, such "
+                'as length_unit = "cm", or correct the length')  # fmt: skip
+    if SHORTER * size <= whole <= LONGER * size:
+        return ""
+    other = next((pair for pair, factor in MISTAKEN.items() if 1 / NEARLY < whole / size / factor < NEARLY), None)
+    remedy = "state length in metres, and check the unit of the positions" if other is None else (
+        f"if its positions are in {other[1].replace('in', 'inches')}, and not in {other[0]} as they are read, state "
+        f'length_unit = "{other[1]}" in the mapping; else correct the length')
+    return f"{stated}, but the recording reaches {size:.3g} m from the base: {remedy}"
+
+
+def displacement(case: Case) -> float | None:
+    """Return the largest displacement of a station from its first known position [m]; None without positions."""
+    recording = case.recording
+    if recording is None or "position" not in recording:
+        return None
+    position = recording["position"].values
+    first = np.array([[*station[np.isfinite(station).all(axis=1)], station[0]][0]
+                      for station in np.moveaxis(position, 1, 0)])  # fmt: skip
+    away = np.linalg.norm(position - first, axis=-1)
+    return float(np.percentile(away[np.isfinite(away)], 99.5)) if np.isfinite(away).any() else None
 
 
 def reach(case: Case) -> float | None:

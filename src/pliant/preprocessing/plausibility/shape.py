@@ -8,6 +8,7 @@ from pliant.errors import InputError
 from pliant.preprocessing import detectors
 from pliant.preprocessing.base import BASE_SHARE, STILL_SHARE
 from pliant.preprocessing.plausibility.contract import Case, Check
+from pliant.preprocessing.quaternion_order import INVERSE, MUCH_BETTER, shown_order
 from pliant.preprocessing.side import Alignment, alignment_of
 
 LEAST_BODY, MOST_BODY = 5e-3, 10.0  # m
@@ -63,6 +64,21 @@ def angle_unit(case: Case) -> str:
         return (f"no angle turns by more than {turn[name]:.2g} degrees: were radians read as degrees? Then set "
                 'angle_unit = "rad" in the mapping')  # fmt: skip
     return ""
+
+
+def quaternions(case: Case) -> str:
+    """Return a sentence where the recorded orientations fit the positions much better in another order of their
+    components, or inverted; else "".
+    """
+    recording = case.recording
+    if recording is None or not {"position", "quaternion"} <= set(recording) or recording["position"].shape[-1] < 3:
+        return ""
+    order = shown_order(recording["position"].values, recording["quaternion"].values)
+    if not order or order == "x, y, z, w":
+        return ""
+    remedy = "list their columns in the order x, y, z, w in the mapping" if order != INVERSE else \
+        "export the orientation of the body in the tracker's axes"
+    return f"the orientations fit the positions only if they are read as {order}: {remedy}"
 
 
 def swapped(case: Case) -> str:
@@ -160,6 +176,9 @@ CHECKS = (
           f"the range of an angle is above {MOST_TURN:g} degrees, more than for a body that curls up once; in a "
           f"recording without positions, also if all angles and ranges are below {LEAST_TURN:.3g} degrees, since half "
           f"a turn is {LEAST_TURN:.3g} rad", angle_unit),
+    Check("order of quaternions", "recording", "how much neighbours move in the axes of the stations",
+          f"they move less than {MUCH_BETTER:g} times as much if the components are read as w, x, y, z, or if the "
+          "rotations are inverted", quaternions),
     Check("exchanged labels", "recording", "which point continues which from frame to frame",
           "exchanging the labels of two or more points shortens their steps to a quarter, beyond the noise", swapped),
     Check("moving base", "body", "peak displacement of the base station and of the others",

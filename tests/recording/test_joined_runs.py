@@ -1,0 +1,110 @@
+"""Tables that hold several runs below each other are never read as one recording."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import invoke
+
+import pliant
+from pliant.errors import InputError
+
+NAMES = "time [s],base_x [mm],base_y [mm],base_z [mm],tip_x [mm],tip_y [mm],tip_z [mm],pressure [kPa]"
+
+
+def rows(level: float, *, timed: bool = True, start: float = 0.0) -> list[str]:
+    """Rows of an arm whose tip follows a pulse of pressure, with an angle of 0.01 rad for each kPa."""
+    time = np.arange(0.0, 4.0, 0.02)
+    pressure = level * np.clip((time - 0.5) / 0.3, 0, 1) - level * np.clip((time - 2.5) / 0.3, 0, 1)
+    angle, state = np.zeros_like(time), 0.0
+    for k, p in enumerate(pressure):
+        state += 0.2 * (0.01 * p - state)
+        angle[k] = state
+    tip = 120.0 * np.stack([np.sin(angle / 2) * np.sinc(angle / 2 / np.pi), 0 * angle, -np.sinc(angle / np.pi)], axis=1)
+    noise = np.random.default_rng(int(level)).normal(0, 0.02, (time.size, 6))
+    table = np.column_stack([noise[:, :3], tip + noise[:, 3:], pressure])
+    text = [",".join(f"{v:.4f}" for v in row) for row in table]
+    return [f"{t + start:.3f},{row}" for t, row in zip(time, text, strict=True)] if timed else text
+
+
+def bend(recording) -> float:
+    """The largest deflection of the tip [mm]: 12 at 20 kPa, 24 at 40 kPa, 35 at 60 kPa."""
+    return 1e3 * float(recording["position"].sel(station="tip", axis="x").max())
+
+
+def written(path: Path, *lines: str) -> Path:
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def restarted(path: Path) -> Path:
+    return written(path, NAMES, *rows(20), *rows(40), "", *rows(60))
+
+
+def repeated(path: Path) -> Path:
+    names = NAMES.partition(",")[2]
+    return written(path, names, *rows(20, timed=False), names, *rows(40, timed=False), names, *rows(60, timed=False))
+
+
+@pytest.mark.parametrize("table", [restarted, repeated])
+def test_each_run_of_a_table_is_a_recording_of_the_draft(tmp_path: Path, table) -> None:
+    path, study = table(tmp_path / "day.csv"), tmp_path / "s.toml"
+    drafted = invoke("new", study, "--from", path, "--length", "120mm", "--mass", "50g")
+    assert drafted.exit_code == 0, drafted.output
+    content = tomllib.loads(study.read_text())
+    assert content["recordings"]["day"]["select"] == {"column": "run", "values": [1, 2, 3]}
+    assert content["model_selection"]["held_out"] == ["day_2"]
+    assert "this study can be run" in " ".join(drafted.output.split())
+    shown = " ".join(invoke("inspect", path).output.split())
+    assert "holds 3 runs" in shown
+
+
+def test_a_stated_mapping_keeps_its_columns_for_each_run(tmp_path: Path) -> None:
+    path, study, mapping = restarted(tmp_path / "day.csv"), tmp_path / "s.toml", tmp_path / "m.toml"
+    mapping.write_text('time = 0\nlength_unit = "mm"\npressure = { columns = [7], unit = "kPa" }\n'
+                       "stations = { base = { position = [1, 2, 3] }, tip = { position = [4, 5, 6] } }\n")  # fmt: skip
+    drafted = invoke("new", study, "--from", path, "--mapping", mapping, "--length", "120mm", "--mass", "50g")
+    assert drafted.exit_code == 0, drafted.output
+    assert list(tomllib.loads(study.read_text())["recordings"]) == ["day_1", "day_2", "day_3"]
+
+
+@pytest.mark.parametrize("table", [restarted, repeated])
+def test_runs_are_not_read_as_one_recording(tmp_path: Path, table) -> None:
+    path = table(tmp_path / "day.csv")
+    clock = {"time": "time [s]"} if table is restarted else {"rate_hz": 50.0}
+    with pytest.raises(InputError, match="holds 3 runs below each other"):
+        pliant.read(path, mapping=clock)
+    one = pliant.read(path, mapping=clock | {"select": {"column": "run", "value": 2}})
+    assert one.sizes["time"] == 200
+    assert bend(one) == pytest.approx(24, abs=1)
+    part = pliant.read(path, mapping=clock | {"rows": [400, 600]})
+    assert bend(part) == pytest.approx(35, abs=1)
+
+
+def test_a_clock_that_goes_back_otherwise_numbers_no_runs(tmp_path: Path) -> None:
+    once = rows(20)
+    path = written(tmp_path / "a.csv", NAMES, *once[:100], *once[60:])
+    with pytest.raises(InputError, match="goes back"):
+        pliant.read(path)
+    path = written(tmp_path / "b.csv", NAMES, *rows(20), *rows(40, start=20.0))
+    assert pliant.read(path).sizes["time"] == 400
+    ticks = [f"{(65000 + 20 * k) % 65536},{row.partition(',')[2]}" for k, row in enumerate(once)]
+    path = written(tmp_path / "c.csv", NAMES.replace("time [s]", "time [ms]"), *ticks)
+    assert float(np.diff(pliant.read(path)["time"]).max()) == pytest.approx(0.02)
+
+
+def test_a_delimiter_behind_each_row_stays_no_column(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", f"{NAMES},", *(f"{row}," for row in [*rows(20), *rows(40)]))
+    one = pliant.read(path, mapping={"select": {"column": "run", "value": 2}})
+    assert bend(one) == pytest.approx(24, abs=1)
+
+
+def test_a_cut_last_row_of_the_last_run_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([NAMES, *rows(20), *rows(40)])[:-3])
+    one = pliant.read(path, mapping={"select": {"column": "run", "value": 2}})
+    assert one.sizes["time"] == 199
+    assert "was left out" in one.attrs["history"]
