@@ -10,7 +10,6 @@ not see. The fits of the tentacle leave out one pose each.
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 
 import numpy as np
@@ -29,26 +28,23 @@ def distances(fit: FitOutcome, role: str) -> Array:
     return np.concatenate([np.linalg.norm(part, axis=-1).ravel() for part in parts] or [np.zeros(0)])
 
 
-def drawn(outcome: StudyOutcome, name: str, path: Path) -> None:
-    """Draw the poses, measured thick and grey, modelled thin and dark."""
+def drawn(outcome: StudyOutcome, path: Path) -> None:
+    """Draw the fitted poses of the hanging tentacle, measured thick and grey, modelled thin and dark."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(7.2, 3.4), layout="constrained")
-    first = outcome.fits[0]
-    wanted = "held_out" if name == "robot" else "train"
-    views = ((0, 1, "x", "y"), (0, 2, "x", "z"))
-    for ax, (a, b, across, up) in zip(axes, views, strict=True):
-        for r in (r for r in first.records if r.role == wanted):
+    for ax, b, up in zip(axes, (1, 2), "yz", strict=True):
+        for r in (r for r in outcome.fits[0].records if r.role == "train"):
             seen, shown = 1e3 * r.experiment.position, 1e3 * r.modelled
             for s in range(seen.shape[1]):
-                ax.plot(seen[:, s, a], seen[:, s, b], "o", color="0.7", ms=4 if name == "robot" else 7, mec="none")
-                ax.plot(*(np.stack([seen[:, s, k], shown[:, s, k]]) for k in (a, b)), color="0.3", lw=0.7)
-                ax.plot(shown[:, s, a], shown[:, s, b], "o", color="0.1", ms=1.5 if name == "robot" else 2.5)
-            if r.body is not None and name == "tentacle":
-                ax.plot(*(1e3 * r.body[0, :, k] for k in (a, b)), color="0.1", lw=0.8)
-        ax.set(xlabel=f"{across} (mm)", ylabel=f"{up} (mm)", aspect="equal")
+                ax.plot(seen[:, s, 0], seen[:, s, b], "o", color="0.7", ms=7, mec="none")
+                ax.plot(*(np.stack([seen[:, s, k], shown[:, s, k]]) for k in (0, b)), color="0.3", lw=0.7)
+                ax.plot(shown[:, s, 0], shown[:, s, b], "o", color="0.1", ms=2.5)
+            if r.body is not None:
+                ax.plot(*(1e3 * r.body[0, :, k] for k in (0, b)), color="0.1", lw=0.8)
+        ax.set(xlabel="x (mm)", ylabel=f"{up} (mm)", aspect="equal")
         ax.spines[["top", "right"]].set_visible(False)
-        if name == "tentacle" and up == "z":
+        if up == "z":
             ax.invert_yaxis()  # it hangs
     figure.savefig(path, dpi=160)
 
@@ -57,15 +53,9 @@ def main() -> None:
     """Run a study and print its errors."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("study", choices=STUDIES)
-    parser.add_argument("--fits", nargs="*", help="names of the fits to make; default: all")
-    parser.add_argument("--figure", type=Path, help="file for a figure")
+    parser.add_argument("--figure", type=Path, help="file for a figure of the tentacle")
     given = parser.parse_args()
-    study = load_study(EXAMPLES / f"{STUDIES[given.study]}.toml")
-    if given.fits:
-        study = study.model_copy(update={"fits": {name: study.fits[name] for name in given.fits}})
-    began = time.perf_counter()
-    outcome = run_study(study)
-    unseen = []
+    outcome, unseen = run_study(load_study(EXAMPLES / f"{STUDIES[given.study]}.toml")), []
     for fit in outcome.fits:
         for role in ("train", "held_out"):
             if (off := distances(fit, role)).size:
@@ -74,9 +64,8 @@ def main() -> None:
         print("  " + ", ".join(f"{p.name} {p.value:.4g}" for p in fit.result.parameters if p.value is not None))
     if (off := np.concatenate(unseen)).size:
         print(f"unseen poses of all fits: {off.size} places, {1e3 * np.sqrt(np.mean(off**2)):.2f} mm rms")
-    print(f"{time.perf_counter() - began:.0f} s")
     if given.figure:
-        drawn(outcome, given.study, given.figure)
+        drawn(outcome, given.figure)
 
 
 if __name__ == "__main__":

@@ -52,8 +52,6 @@ def parts(names: list[str]) -> None:
 def script(name: str) -> None:
     """Run a script of this folder; a script that takes too long is stopped with a message."""
     path = HERE / f"{name}.py"
-    if not path.exists():
-        return
     more, limit = SCRIPTS[name]
     print(f"\n{name}", flush=True)
     try:

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 import matplotlib as mpl
@@ -67,14 +66,10 @@ def main() -> None:
             print(f"{method.name:<28} no setting gives an answer", flush=True)
     if limit < float("inf"):
         return
-    about = machine()
-    figure = draw(curves, str(about["processor"]))
+    figure = draw(curves, str(machine()["processor"]))
     for ending in ("png", "svg"):
         figure.savefig(ROOT / "docs" / "figures" / f"work_precision.{ending}", dpi=160)
-    path = ROOT / "benchmarks" / "results" / "work_precision.json"
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(json.dumps({"machine": about, "curves": curves}, indent=1) + "\n", encoding="utf-8")
-    print(f"wrote docs/figures/work_precision.png, .svg and {path.relative_to(ROOT)}")
+    print("wrote docs/figures/work_precision.png and .svg")
 
 
 if __name__ == "__main__":

@@ -277,9 +277,11 @@ def study_part(name: str) -> Callable[[], str]:
 
 def checks() -> str:
     """Every plausibility check: what it examines, and its limits."""
-    from pliant.preprocessing.plausibility.table import table as rows
+    from pliant.preprocessing.plausibility import CHECKS
 
-    return rows()
+    of = {"recording": "each recording", "body": "the stated data of the body", "model": "each fitted model"}
+    rows = [(c.name, of[c.subject], c.looks_at, c.threshold) for c in CHECKS]
+    return table(("check", "of", "what is examined", "reported when"), rows)
 
 
 def selection_terms() -> str:
@@ -290,10 +292,14 @@ def selection_terms() -> str:
 
 
 def targets() -> str:
-    """Every part of a model, and the export targets that can express it."""
-    from pliant.exporters.table import table as rows
+    """Every part of a model, and whether an export target expresses it, always omits it with a note, or refuses it."""
+    from pliant.exporters.registry import BUILT_IN, exporters
+    from pliant.model.features import FEATURES
 
-    return rows()
+    built_in = [e for name, e in exporters().items() if name in BUILT_IN]
+    rows = [(f.title, *("yes" if key in e.can else "left out" if key in e.by_nature else "no" for e in built_in))
+            for key, f in FEATURES.items()]
+    return table(("", *(e.name for e in built_in)), rows)
 
 
 PARTS = {

@@ -88,10 +88,16 @@ def test_schemas_take_what_pliant_writes(reference):
 
 
 def test_checks_terms_and_export_targets_stand_in_tables(pages):
-    from pliant.exporters import table as targets
-    from pliant.preprocessing.plausibility import table as checks
+    from pliant.exporters.registry import BUILT_IN, exporters
+    from pliant.model.features import FEATURES
+    from pliant.preprocessing.plausibility import CHECKS
     from pliant.selection import TERMS
 
-    assert checks.table() in pages["what_is_checked"]
+    ends = [(c.name, f"{c.looks_at} | {c.threshold} |") for c in CHECKS]
+    rows = [row for row in pages["what_is_checked"].splitlines() if row.startswith("| ")]
+    assert [name for name, end in ends if not any(r.startswith(f"| {name} |") and r.endswith(end) for r in rows)] == []
     assert [name for name in TERMS if f"| `{name}` |" not in pages["studies"]] == []
-    assert targets.table() in pages["export"]
+    targets = [e for name, e in exporters().items() if name in BUILT_IN]
+    for key, feature in FEATURES.items():
+        words = ["yes" if key in e.can else "left out" if key in e.by_nature else "no" for e in targets]
+        assert f"\n| {feature.title} | {' | '.join(words)} |\n" in pages["export"] + "\n"
