@@ -20,7 +20,7 @@ import numpy as np
 from pliant.errors import PliantError
 from pliant.identification import Experiment, FitResult, Parameter, fit
 from pliant.model import Chamber, Model, Station, chain_model
-from pliant.selection.determined import DETERMINED
+from pliant.selection.criterion import DETERMINED
 from pliant.simulation import Trace
 from pliant.testbed.rod import ChamberParameters, RodParameters
 from pliant.testbed.stepping import simulate

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc, FancyArrowPatch, Wedge
 
 from pliant.actuators import chen2018
-from pliant.equations.section import lever_arm
+from pliant.equations.chamber import lever_arm
 from pliant.plotting import save_figure, style
 from pliant.simulation import equilibrium
 

@@ -18,8 +18,7 @@ from pliant.identification.joint_prior import JointPrior
 from pliant.identification.names import declarations
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames
-from pliant.identification.scatter import scatter_between
-from pliant.identification.uncertainty import Covariance
+from pliant.identification.uncertainty import Covariance, scatter_between
 from pliant.model import Station, Tendon, chain_model
 from pliant.simulation import Trace
 

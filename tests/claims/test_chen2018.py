@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import argrelextrema
 
 from pliant.actuators import chen2018
-from pliant.equations.section import bladder_area, lever_arm
+from pliant.equations.chamber import bladder_area, lever_arm
 from pliant.mechanics import mechanics_of
 from pliant.model import Valve
 from pliant.simulation import Pulse, equilibrium, modes, simulate

@@ -11,7 +11,8 @@ from oracles.chains import SIZES, random_chain, random_state, workspace
 from pliant.compiler.choose import twin
 from pliant.compiler.twin import callees, compiled_twin, makes_arrays, reached, rebuild
 from pliant.equations import chain as chain_kernels
-from pliant.equations import coriolis, elastic, energy, inertia, section, velocity
+from pliant.equations import chain as velocity
+from pliant.equations import chamber, elastic, energy, inertia
 from pliant.equations.motion import acceleration, acceleration_jacobian, acceleration_recursive, step
 from pliant.equations.symbols import Slopes
 from pliant.estimation import kalman_loops
@@ -45,13 +46,13 @@ def kinematic_cases(chain, q, dq, phi, w):
     c, s, body = np.cos(phi), np.sin(phi), chain.body()
     pose = [np.zeros(shape) for shape in ((n, 2, 2), (n, 2), (n, 2, 2), (n, 2))]
     return [
-        (section.torque, (1.5, np.array([0.3, 0.2]))),
+        (chamber.torque, (1.5, np.array([0.3, 0.2]))),
         (chain_kernels.forward, (q, theta0, l, *pose)),
         (chain_kernels.tips, (phi, l, 0.1, 0.2, np.zeros((n, 2)))),
         (velocity.body_velocities, (q, dq, theta0, l, np.zeros(n), np.zeros((n, 2)))),
         (velocity.body_hessian, (q, theta0, l, chain.c, np.zeros((n, 2, n, n)))),
         (inertia.inertia_absolute, (c, s, body.B, body.I, np.zeros((n, n)))),
-        (coriolis.coriolis_absolute, (c, s, body.B, w, np.zeros((n, n)))),
+        (inertia.coriolis_absolute, (c, s, body.B, w, np.zeros((n, n)))),
         (elastic.gravity_absolute, (c, s, body, np.zeros(n))),
         (energy.kinetic_energy, (c, s, w, body)),
         (energy.damping_power, (w, chain.joints())),

@@ -22,10 +22,10 @@ from pliant.equations.chamber import (
     slow_interval,
     slow_rates,
     swollen_torque,
+    torque,
     torque_now,
     wall_rate,
 )
-from pliant.equations.section import torque
 from pliant.equations.symbols import ActuationConstants, ChamberConstants, Interval
 from pliant.model.actuation_input import rest_growth
 

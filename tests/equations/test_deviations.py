@@ -15,8 +15,8 @@ from test_velocity import run_velocities
 from pliant import basic
 from pliant.actuators import chen2018
 from pliant.equations.chain import link_transform, tips
+from pliant.equations.chamber import bladder_area
 from pliant.equations.motion import acceleration
-from pliant.equations.section import bladder_area
 from pliant.mechanics import mechanics_of
 from pliant.recording import make_recording
 

@@ -8,9 +8,15 @@ from oracles.chains import SIZES, paper_chain, random_chain, random_state
 from oracles.derivatives import complex_step
 
 from pliant import basic
-from pliant.equations.coriolis import coriolis_absolute, coriolis_from_hessian, inertia_derivative
-from pliant.equations.inertia import inertia_absolute, inertia_from_jacobians, to_joint_angles
-from pliant.equations.velocity import body_hessian, body_jacobian
+from pliant.equations.chain import body_hessian, body_jacobian
+from pliant.equations.inertia import (
+    coriolis_absolute,
+    coriolis_from_hessian,
+    inertia_absolute,
+    inertia_derivative,
+    inertia_from_jacobians,
+    to_joint_angles,
+)
 
 
 def jacobians(q, chain):

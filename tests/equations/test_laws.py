@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.equations import laws, saturating_law
-from pliant.equations.section import torque
+from pliant.equations.chamber import torque
 from pliant.errors import InputError
 from pliant.model import Chamber
 

@@ -6,14 +6,19 @@ import pytest
 import sympy as sp
 from oracles import lagrange as sym
 
-from pliant.equations.chain import absolute_angles, forward
-from pliant.equations.coriolis import coriolis_absolute, coriolis_from_hessian
+from pliant.equations.chain import absolute_angles, body_hessian, body_jacobian, forward
 from pliant.equations.elastic import gravity_absolute
 from pliant.equations.energy import gravity_energy, kinetic_energy
-from pliant.equations.inertia import body_constants, inertia_absolute, inertia_from_jacobians, to_joint_angles
+from pliant.equations.inertia import (
+    body_constants,
+    coriolis_absolute,
+    coriolis_from_hessian,
+    inertia_absolute,
+    inertia_from_jacobians,
+    to_joint_angles,
+)
 from pliant.equations.motion import acceleration
 from pliant.equations.symbols import Body, Joints
-from pliant.equations.velocity import body_hessian, body_jacobian
 
 Q, DQ = sym.vector(sym.q), sym.vector(sym.dq)
 L, C, M, I, THETA0 = (sym.vector(getattr(sym, name)) for name in ("l", "c", "m", "I", "theta0"))

@@ -7,7 +7,7 @@ import pytest
 from oracles.chains import PAPER_GAIN
 
 from pliant import basic
-from pliant.equations.section import bladder_area, lever_arm, torque
+from pliant.equations.chamber import bladder_area, lever_arm, torque
 
 R2 = 0.010  # m
 

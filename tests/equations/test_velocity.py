@@ -8,8 +8,7 @@ from oracles.chains import SIZES, random_chain, random_state
 from oracles.derivatives import complex_step
 
 from pliant import basic
-from pliant.equations.chain import tips
-from pliant.equations.velocity import body_hessian, body_jacobian, body_velocities
+from pliant.equations.chain import body_hessian, body_jacobian, body_velocities, tips
 
 
 def run_velocities(q, dq, chain):

@@ -17,13 +17,12 @@ from pliant.errors import InputError, PliantError
 from pliant.identification import Experiment, Parameter
 from pliant.identification.chamber_parameters import of_chamber, owners
 from pliant.identification.experiment import AngleReference, Excitation
-from pliant.identification.extension_parameters import OWN as OF_A_SEGMENT
-from pliant.identification.extension_parameters import segments
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
 from pliant.identification.initial_guess import bands_of_layouts
-from pliant.identification.memory_parameters import LAYOUTS
 from pliant.identification.parameters import check_names
+from pliant.identification.part_parameters import LAYOUTS, segments
+from pliant.identification.part_parameters import OWN as OF_A_SEGMENT
 from pliant.identification.problem import Problem
 from pliant.model import Chamber, Extension, Memory, Model, Station, Valve
 from pliant.simulation import Trace

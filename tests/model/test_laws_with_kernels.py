@@ -8,7 +8,7 @@ import pytest
 import pliant
 from pliant.batch import simulate_batch
 from pliant.equations import laws
-from pliant.equations.section import torque
+from pliant.equations.chamber import torque
 from pliant.errors import InputError
 from pliant.exporters.features import FEATURES
 from pliant.identification import Experiment, Parameter, fit

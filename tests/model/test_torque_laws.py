@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from pliant import plugins
-from pliant.equations.chamber import lever_growth
-from pliant.equations.section import bladder_area, lever_arm, torque
+from pliant.equations.chamber import bladder_area, lever_arm, lever_growth, torque
 from pliant.errors import InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.identification.parameters import apply, kind_of

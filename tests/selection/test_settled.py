@@ -12,7 +12,7 @@ from pliant.identification import Experiment
 from pliant.model import Chamber, Model, Station, chain_model
 from pliant.selection import select_model
 from pliant.selection.fitted import FitSetting, fitted, tried_step, with_checked_step
-from pliant.selection.settled import follows_at_once
+from pliant.selection.start import follows_at_once
 from pliant.simulation import Trace, simulate
 
 TIMES = np.arange(0.0, 12.0, 0.05)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.equations.chamber import mean_of_law, secant
-from pliant.equations.section import torque
+from pliant.equations.chamber import mean_of_law, secant, torque
 from pliant.equations.symbols import Interval
 
 LAW = np.array([6e-7, -2e-12, 3e-18])

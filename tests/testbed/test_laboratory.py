@@ -97,7 +97,7 @@ def test_strain_and_positions_tell_the_same_shape():
     """The strain of the same gauges, integrated by the package's own sensing room, up to the sensor's pose."""
     from scipy.spatial.transform import Rotation
 
-    from pliant.sensing.recording import shape_from_strain
+    from pliant.sensing.cores import shape_from_strain
     from pliant.sensing.strain import CoreLayout
 
     seen, strained = (generate(BRIEF, "a", 1, lab=Laboratory(output=o)).recording for o in ("position", "strain"))

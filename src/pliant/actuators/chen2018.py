@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pliant.equations.section import bladder_area, lever_arm
+from pliant.equations.chamber import bladder_area, lever_arm
 from pliant.model import Model, chain_model
 
 LENGTH = 0.17  # m, bending portion

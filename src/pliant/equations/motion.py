@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.equations.coriolis import coriolis_from_hessian
+from pliant.equations.chain import body_hessian, body_jacobian
 from pliant.equations.elastic import joint_tangents, joint_torques
-from pliant.equations.inertia import inertia_from_jacobians
-from pliant.equations.velocity import body_hessian, body_jacobian
+from pliant.equations.inertia import coriolis_from_hessian, inertia_from_jacobians
 from pliant.numerics.ldl import ldl_factor, ldl_solve
 
 

@@ -15,8 +15,8 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import fit_step
 from pliant.identification.initial_guess import prepare
 from pliant.identification.parameters import Parameter, kind_of, shared_name, values_of
+from pliant.identification.part_parameters import RATIOS
 from pliant.identification.problem import Problem
-from pliant.identification.space_parameters import RATIOS
 from pliant.identification.uncertainty import HIDDEN, Covariance
 from pliant.model import Model
 from pliant.shapes import Float

@@ -13,8 +13,6 @@ from pliant.identification.chamber_parameters import owners, prefixes
 from pliant.identification.drives import check_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
-from pliant.identification.extension_parameters import segments
-from pliant.identification.memory_parameters import LAYOUTS, chamber_guess
 from pliant.identification.names import declarations
 from pliant.identification.parameters import (
     Parameter,
@@ -25,7 +23,7 @@ from pliant.identification.parameters import (
     shared_name,
     values_of,
 )
-from pliant.identification.space_parameters import space_start
+from pliant.identification.part_parameters import LAYOUTS, chamber_guess, segments, space_start
 from pliant.identification.torque_start import extension_starts, highest_level, torque_starts, typical_sizes
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station

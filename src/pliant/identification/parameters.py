@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.identification import extension_parameters, space_parameters
+from pliant.identification import part_parameters
 from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, owners
-from pliant.identification.memory_parameters import memory_changes, usual_start
 from pliant.identification.names import RECORDING, find_path, path_of, paths
+from pliant.identification.part_parameters import memory_changes, usual_start
 from pliant.model import ActuationInput, Model, Station
 from pliant.model.parts import BODY, STATION
 from pliant.model.quantity import Quantity, quantities
@@ -179,13 +179,13 @@ def apply(model: Model, values: Mapping[str, float], cache: dict[Any, ActuationI
     if "joint_share" in values:
         model = moved_joints(model, values["joint_share"])
     changes = body_changes(model, values)
-    changes |= extension_parameters.stiffened(model, values)
+    changes |= part_parameters.stiffened(model, values)
     changes |= memory_changes(model, values)
     stiffened = changes.pop("extensions", model.extensions)
     parts = {
         "chambers": changed_chambers(model, values, {} if cache is None else cache),
-        "extensions": extension_parameters.changed_extensions(stiffened, values),
-        "space": space_parameters.changed_space(model, values),
+        "extensions": part_parameters.changed_extensions(stiffened, values),
+        "space": part_parameters.changed_space(model, values),
     }
     changes |= {name: part for name, part in parts.items() if part != getattr(model, name)}
     if "gravity_angle" in values:
@@ -269,9 +269,9 @@ def check_names(parameters: Iterable[Parameter], model: Model, records: set[str]
         raise InputError(f"{min(both)!r} names a recording and a station, so that the owner of its parameters is not "
                          "clear: rename one of the two")  # fmt: skip
     check_chamber_names([p.name for p in parameters], model, records | stations)
-    extension_parameters.check_segment_names([p.name for p in parameters], model, records | stations)
-    space_parameters.check_space_names([p.name for p in parameters], model)
-    known = records | stations | {*owners(model), *extension_parameters.segments(model)}
+    part_parameters.check_segment_names([p.name for p in parameters], model, records | stations)
+    part_parameters.check_space_names([p.name for p in parameters], model)
+    known = records | stations | {*owners(model), *part_parameters.segments(model)}
     listed: set[str] = set()
     for p in parameters:
         if p.name in listed:

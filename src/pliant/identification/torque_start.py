@@ -13,10 +13,10 @@ from pliant.identification.chamber_parameters import owners, prefixes
 from pliant.identification.drives import alone
 from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
-from pliant.identification.extension_parameters import ALWAYS
 from pliant.identification.names import path_of, paths
 from pliant.identification.observation import modelled_rows, points_at
 from pliant.identification.parameters import shared_name
+from pliant.identification.part_parameters import ALWAYS
 from pliant.mechanics import mechanics_of
 from pliant.model import ActuationInput, Model
 from pliant.model.parts import CHAMBER

@@ -10,11 +10,12 @@ import numpy as np
 from pliant.identification.clusters import at_least, clusters_of, error_of_form, given
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import autocorrelations, correlated_frames
-from pliant.identification.scatter import scatter_between
 
 Array = np.ndarray
 HIDDEN = 1e-6  # singular value over the largest, below which the data do not determine a direction
 COLOURED = 1.5  # correlation length in frames, below which residuals count as white
+FEWEST = 3  # recordings
+POOLED = 4.0  # recordings by which the scatter of all parameters together counts in that of each
 
 
 class Covariance(NamedTuple):
@@ -180,3 +181,31 @@ def along_frames(observed: Any, J: Array, residual: Array, frames: float) -> Arr
         product = score[lag:].T @ score[:-lag]
         total += (1 - lag / (width + 1)) * (product + product.T)
     return total
+
+
+def scatter_between(scores: Array, inverse: Array, noise: Array) -> Array | None:
+    """Return the covariance (P, P) of P parameters between recordings, beyond what noise explains; None for fewer than
+    three recordings.
+
+    The sandwich formula gives the covariance of the mean of K recordings from their scores J_k' r_k. Its ratio to the
+    variance that noise explains is pooled between parameters, since few recordings determine it, and lessened by its
+    own standard deviation under noise alone. The variance between recordings is K times the excess of the mean.
+
+    Parameters
+    ----------
+    scores : array (K, P)
+        J_k' r_k of each of K recordings, with the Jacobian J_k and the residuals r_k.
+    inverse : array (P, P)
+        Inverse of J' J of all recordings and priors.
+    noise : array (P, P)
+        Covariance of the parameters from correlated noise.
+    """
+    count = len(scores)
+    if count < FEWEST:
+        return None
+    shares = ((scores - scores.mean(axis=0)) @ inverse) ** 2
+    variance, explained = shares.sum(axis=0) * count / (count - 1), np.diag(noise)
+    ratio = np.divide(variance, explained, out=np.ones_like(variance), where=explained > 0)
+    pooled = ((count - 1) * ratio + POOLED * ratio.mean()) / (count - 1 + POOLED)
+    excess = np.sqrt(np.maximum(pooled - 1.0 - np.sqrt(2.0 / (count - 1 + POOLED)), 0.0))
+    return np.asarray(count * np.outer(excess, excess) * noise)

@@ -2,10 +2,10 @@
 and the joint angles over time.
 """
 
+from pliant.reduction.error import spline_shape
 from pliant.reduction.links import LinkPlacement, links_of
 from pliant.reduction.order import select_order
 from pliant.reduction.order_result import OrderResult
-from pliant.reduction.reconstruct import spline_shape
 
 __all__ = [
     "LinkPlacement", "OrderResult", "links_of", "select_order", "spline_shape",

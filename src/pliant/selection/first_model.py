@@ -15,7 +15,7 @@ from pliant.identification.parameters import Parameter, shared_name
 from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import Model
 from pliant.model.parts import STATION
-from pliant.selection.determined import DETERMINED
+from pliant.selection.criterion import DETERMINED
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 
 Entry = Parameter | str

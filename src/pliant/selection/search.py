@@ -17,8 +17,17 @@ from pliant.identification.parameters import Parameter
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.options import with_defaults
-from pliant.selection.criterion import MATERIAL, by_percent, left_out, noise_of, parts_of, score_of
-from pliant.selection.determined import at_bounds, cost_without, undetermined
+from pliant.selection.criterion import (
+    MATERIAL,
+    at_bounds,
+    by_percent,
+    cost_without,
+    left_out,
+    noise_of,
+    parts_of,
+    score_of,
+    undetermined,
+)
 from pliant.selection.first_model import Entry, determined
 from pliant.selection.fitted import (
     EVALUATIONS,

@@ -1,8 +1,7 @@
 """Compute curvature and shape from the strain of a multicore fibre."""
 
 from pliant.numerics.curve import planar_curve, spatial_curve
-from pliant.sensing.cores import read_shape
-from pliant.sensing.recording import shape_from_strain, tip_sigma
+from pliant.sensing.cores import read_shape, shape_from_strain, tip_sigma
 from pliant.sensing.strain import CoreLayout, FibreState, curvature_from_strain
 
 __all__ = [

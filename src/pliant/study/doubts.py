@@ -13,7 +13,7 @@ from pliant.identification import Experiment, FitResult
 from pliant.model import Model
 from pliant.preprocessing.plausibility import CHECKS, UNITS, Case, doubts
 from pliant.preprocessing.plausibility.together import beside
-from pliant.selection.determined import undetermined_terms
+from pliant.selection.criterion import undetermined_terms
 from pliant.study.aligned import Aligned
 from pliant.study.body import preset
 from pliant.study.body_tables import ActuatorEntry

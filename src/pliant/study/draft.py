@@ -18,7 +18,6 @@ from pliant.study.doubts import body_warnings
 from pliant.study.draft_check import DraftCheck, check_draft
 from pliant.study.draft_inputs import inputs
 from pliant.study.draft_recordings import recordings
-from pliant.study.draft_selection import selection
 from pliant.study.draft_tables import (
     actuator,
     alignment,
@@ -26,6 +25,7 @@ from pliant.study.draft_tables import (
     fibre,
     mapping_table,
     reduction,
+    selection,
     space_entry,
     weight,
 )
