@@ -163,4 +163,4 @@ def test_a_dense_curve_of_a_body_that_lengthens_is_refused(arm):
     curve = np.zeros((2, 12, 2)) + np.linspace(0.0, 0.21, 12)[:, None] * [0.0, 1.0]
     record = make_recording([0.0, 1.0], curve, station=[f"p{k}" for k in range(12)], frame="planar")
     with pytest.raises(InputError, match="dense curve does not show which of its points belong to which link"):
-        estimate(record, arm, noise=NOISE)
+        estimate(record, arm, pressure=[Pulse(0.0)] * arm.actuation.count, noise=NOISE)

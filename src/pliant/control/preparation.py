@@ -160,16 +160,16 @@ def calibration(
     """Return the model with the measured rest shape, and the object that converts measured shapes to link angles or
     positions.
     """
-    seeing.consumer.check(model)
-    if not LINK_ANGLES.lacks(model):
-        body = calibrated(model, arc_length, frames)
-        return body, LinkAngles(body, arc_length)
     if mechanics_of(model).lengthens and not rides:
         raise InputError(
             f"model {model.name!r} lengthens, so it needs a plant that measures material points of the body "
             "(rides = True), but this one measures points on a curve: use markers, or build a Pipeline of the "
             "stations, a KalmanFilter, and an Lqr or Mpc with design_outputs"
         )
+    seeing.consumer.check(model)
+    if not LINK_ANGLES.lacks(model):
+        body = calibrated(model, arc_length, frames)
+        return body, LinkAngles(body, arc_length)
     return with_rest_shape(model, arc_length, frames)
 
 
