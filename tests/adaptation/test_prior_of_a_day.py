@@ -9,9 +9,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pliant.adaptation.adapt import common_factor, parts_of_day
-from pliant.adaptation.mounting import COMMON_GAIN, MOUNTING, common_gain, mounting_parameters, of_mounting, width_of
+from pliant.adaptation.adapt import common_factor, parts_of_day, verdict_of
+from pliant.adaptation.mounting import (
+    COMMON,
+    COMMON_GAIN,
+    MOUNTING,
+    common_gain,
+    mounting_parameters,
+    of_mounting,
+    width_of,
+)
 from pliant.adaptation.posterior import Posterior, of_a_kind, posterior_of
+from pliant.adaptation.result import DayError, Move
 from pliant.errors import InputError
 from pliant.identification import Experiment, FitResult, Parameter
 from pliant.identification.joint_prior import JointPrior
@@ -219,3 +228,13 @@ def test_an_overfitted_day_is_fitted_again_with_priors_that_weigh_more(monkeypat
     assert fitted(1e-3) == [0.0, 3.0]  # overfitted, then nothing demands another body
     assert fitted(3e-3) == [0.0]
     assert fitted(9e-3) == [0.0, 0.0]  # all parameters of the body are released
+
+
+@pytest.mark.parametrize(("factor", "named"), [(0.85, True), (1.2, True), (1.02, False)])
+def test_a_common_gain_may_be_a_change_of_stiffness_and_the_verdict_says_so(factor, named):
+    rows = (Move(COMMON, "mounting", "1", 1.0, factor, None, COMMON_GAIN, None, None),)
+    errors = (DayError("day", "fitted", 9e-3, 1e-3, 0.1),)
+    verdict, sentence = verdict_of(result({"stiffness": 1.0}), rows, errors, "base_angle", kind=False)
+    assert verdict == "re-mounted"
+    assert ("may be the inverse factor on all stiffnesses" in sentence) == named
+    assert (f"The factor {factor:.3g}" in sentence) == named

@@ -94,6 +94,7 @@ def test_a_softer_body_is_named(arm, tmp_path):
 def test_another_sensor_is_a_common_gain_and_no_other_body(arm, tmp_path):
     found = adapted(arm, day(tmp_path / "may.csv", body(), gain=1.08), tmp_path / "new")["adaptations"]["adapted"]
     assert found["moves"]["common_gain"]["after"] == pytest.approx(1 / 1.08, rel=0.02)
+    assert "may be the inverse factor on all stiffnesses" in found["sentence"]
     assert "torque_1" not in found["changed"]
 
 

@@ -32,6 +32,7 @@ SEEN = 0.25  # of the prior's variance left, below which the recordings determin
 PLAIN = 1.15  # error before over error after: a smaller gain is no new mounting, whatever the statistics say
 CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
 TOO_CLOSE = 0.5  # of the earlier error: a smaller one means that the mounting took up errors of the model
+TOLD = 0.05  # logarithm of a common factor on the gains, from which the verdict mentions it
 LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
 WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
 
@@ -351,5 +352,17 @@ def verdict_of(
         return "changed body", f"The body changed: {listed}."
     better = sum(e.before for e in errors) > PLAIN * sum(e.after for e in errors)
     if mounting and better:
-        return "re-mounted", f"The same arm, mounted anew: {mounting} moved; no parameter of the body did."
-    return "same arm", "The same arm in the same mounting: no parameter moved beyond its doubt."
+        moved = f"The same arm, mounted anew: {mounting} moved; no parameter of the body did."
+        return "re-mounted", moved + or_stiffer(moves)
+    return "same arm", f"The same arm in the same mounting: no parameter moved beyond its doubt.{or_stiffer(moves)}"
+
+
+def or_stiffer(moves: Sequence[Move]) -> str:
+    """Return a sentence on a common factor of the gains, which a change of all stiffnesses may be; '' where it is near
+    1 or unknown.
+    """
+    factor = next((m.after for m in moves if m.name == COMMON), 1.0)
+    if abs(np.log(factor)) < TOLD:
+        return ""
+    return (f" The factor {factor:.3g} on the gains of all inputs, as of another sensor or supply, may be the inverse "
+            "factor on all stiffnesses: motion without a known load shows both alike.")  # fmt: skip
