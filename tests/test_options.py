@@ -9,7 +9,7 @@ from pliant.control.preparation import RIG, Rig, prepare_control
 from pliant.estimation.adaptive_observer import OBSERVER_NOISE, AdaptiveObserver, ObserverNoise
 from pliant.identification.fit import FIT_OPTIONS, FitOptions, fit
 from pliant.options import with_defaults
-from pliant.selection.search import SEARCH_OPTIONS, SearchOptions, select_model
+from pliant.selection.select import SEARCH_OPTIONS, SearchOptions, select_model
 from pliant.sweep.sweep import WORKERS, Workers, run_sweep
 
 DOORS = [

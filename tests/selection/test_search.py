@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from pliant.errors import FitError, InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Chamber, Extension, Memory, Model, Station, chain_model
-from pliant.selection import select_model, terms_for
+from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms_for
 from pliant.selection.first_model import beginning
 from pliant.selection.saved import SearchFile
+from pliant.selection.screen import TermProposal
 from pliant.selection.search import Search
 from pliant.simulation import Trace, simulate
 
@@ -177,3 +180,55 @@ def test_a_term_that_is_fitted_when_the_time_ends_is_kept(monkeypatch):
     found = select_model(two(soft), GIVEN, terms=terms_for(GIVEN, two(soft), only=["softening"]))
     assert found.terms == ("softening",)
     assert "the time limit was reached" in found.reason
+
+
+def steps_of(names: str, scores: dict[str, float], monkeypatch, *, broken: str = "") -> tuple[Search, list[str]]:
+    """A search of which each trial promises 0.7 and gives 0.75, and the converged fit the criterion in `scores`."""
+    fits: list[str] = []
+
+    def fit_of(name: str, score: float) -> SimpleNamespace:
+        return SimpleNamespace(problem=SimpleNamespace(size=1.0, learns=False, free=()), cost=1.0, values={}, free=(),
+                               name=name, score=score)  # fmt: skip
+
+    def converged(fit, _weight):
+        if fit.name == broken:
+            raise FitError("cannot be simulated")
+        return fit_of(fit.name, scores[fit.name])
+
+    def child(proposal):
+        name = proposal.term.name
+        fits.append(name)
+        return (0.75, fit_of(name, 0.75)), TriedTerm(name, name, 0.5, reason="better")
+
+    search = object.__new__(Search)
+    search.chosen, search.others, search.score, search.began, search.pace = [], [], 1.0, 0.0, 0.0
+    search.allowed, search.deadline, search.best = 1e6, 1e9, fit_of("parent", 1.0)
+    search.steps = [SelectionStep("", "first", (), 1.0, {}, {})]
+    proposals = [TermProposal(Term(n, n, (), {}), {}, 0.5, 0.7 + 0.1 * k, {}, {}, sense=True)
+                 for k, n in enumerate(names)]  # fmt: skip
+    monkeypatch.setattr(search, "ranked", lambda: (proposals, []))
+    monkeypatch.setattr(search, "child", child)
+    monkeypatch.setattr(search, "converged", converged)
+    monkeypatch.setattr(search, "scored", lambda fit: fit.score)
+    monkeypatch.setattr(search, "record", lambda *_: None)
+    return search, fits
+
+
+def test_a_trial_that_promised_too_much_does_not_keep_others_from_being_tried(monkeypatch):
+    search, fits = steps_of("abc", {"a": 0.99, "b": 0.8, "c": 0.8}, monkeypatch)
+    assert search.add_term() == ""
+    assert [t.name for t in search.chosen] == ["b"]
+    assert fits == ["a", "b"]
+    assert {t.name: t.reason for t in search.steps[-1].tried} == {
+        "a": "left-out parts are predicted no better (error -0.5 %)",
+        "b": "left-out parts are predicted better (error -11 %)", "c": "other terms promise more",
+    }  # fmt: skip
+    assert [(title, score) for score, title, _ in search.others] == [("with a", 0.99)], "not as the trial promised"
+
+
+def test_a_fit_that_fails_while_it_converges_leaves_the_search_as_it_was(monkeypatch):
+    search, fits = steps_of("ab", {"b": 0.99}, monkeypatch, broken="a")
+    assert search.add_term().startswith("no further term")
+    assert fits == ["a", "b"]
+    assert search.steps[-1].tried[0].reason == "cannot be simulated"
+    assert search.score == 1.0

@@ -23,7 +23,7 @@ HARDLY = 0.2  # of the range of the input that moves most: an input that moves l
 BESIDE = 0.1  # of the length: farther from the axis than a marker on a body lies
 OF_ONE_SIGN = ("axial_gain",)  # pressure lengthens
 ALIKE = (("gain_x", "gain_y"), OF_ONE_SIGN, ("torque_1",))  # parameters of inputs that have one size in a body
-LEAST_MOVED = 0.05  # of that: an input that moves less still has a prior
+STILL, LEAST_MOVED = 0.005, 0.05  # of that: an input that moves less never moves; has a prior as close as this
 LEAST_SCATTER = 1.0  # of the mean: standard deviation of alike gains, at least
 
 
@@ -134,14 +134,17 @@ def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
 
 def hardly_moving(model: Model, train: Sequence[Experiment]) -> dict[str, float]:
     """Return the inputs that move by less than a fifth of the range of the input of their kind that moves most, in the
-    frames of all recordings that are compared, each with its range over that fifth.
+    frames of all recordings that are compared, each with its range over that fifth; 1 for one that never moves, for
+    whose gain nothing passes.
     """
     compared = np.concatenate([np.isfinite(e.compared).any(axis=(1, 2)) for e in train])
     ranges = np.ptp(pressures_at(model, train)[compared], axis=0)
-    kinds = np.array(model.actuation.kinds)
-    return {name: float(max(moved / (HARDLY * most), LEAST_MOVED))
-            for name, kind, moved in zip(model.actuation.names, kinds, ranges, strict=True)
-            if moved < HARDLY * (most := ranges[kinds == kind].max())}  # fmt: skip
+    kinds, hardly = np.array(model.actuation.kinds), dict[str, float]()
+    for name, kind, moved in zip(model.actuation.names, kinds, ranges, strict=True):
+        share = float(moved / (HARDLY * max(ranges[kinds == kind].max(), 1e-300)))
+        if share < 1.0:
+            hardly[name] = max(share, LEAST_MOVED) if share > STILL else 1.0
+    return hardly
 
 
 def with_places(parent: FittedModel, setting: FitSetting) -> FittedModel:

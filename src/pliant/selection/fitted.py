@@ -29,6 +29,7 @@ Array = np.ndarray
 TOLERANCE = 1e-5  # relative change of the cost at which a fit of the search stops: far below what decides
 EVALUATIONS = 40
 ALMOST, RIVALS = 0.2, 2  # of the criterion: a model within that of the chosen one is a rival; the best of them
+RIVAL_EVALUATIONS = 6  # with which a rough fit goes on
 STEPS = (0.05, 0.02, 0.01, 0.005, 0.002)  # s, time steps that are tried
 STEP_ERROR = 0.05  # % of the peak displacement: what halving the time step may change
 
@@ -277,6 +278,6 @@ def rivals_among(
         best.setdefault(title, other)
     rivals = []
     for title, other in list(best.items())[:RIVALS]:
-        end = solve(other.problem, other.x, loss, 1)
+        end = solve(other.problem, other.x, loss, RIVAL_EVALUATIONS, tolerance=TOLERANCE)
         rivals.append(RivalModel(title, finished(other.problem, end, loss, None, 0.0, "")))
     return tuple(rivals)

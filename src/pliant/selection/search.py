@@ -1,22 +1,20 @@
-"""`select_model`: the terms that the training recordings ask for, found by screens and a few refits."""
+"""The search for the terms that the training recordings ask for, by screens and a few refits."""
 
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TypedDict, Unpack
 
 import numpy as np
 
-from pliant.errors import InputError, PliantError
-from pliant.identification.experiment import Experiment
-from pliant.identification.fit import check_choices, finished
+from pliant.errors import PliantError
+from pliant.identification.fit import finished
 from pliant.identification.optimise import solve
 from pliant.identification.parameters import Parameter
 from pliant.identification.result import FitResult
 from pliant.model import Model
-from pliant.options import with_defaults
 from pliant.selection.criterion import (
     MATERIAL,
     at_bounds,
@@ -28,7 +26,6 @@ from pliant.selection.criterion import (
     score_of,
     undetermined,
 )
-from pliant.selection.first_model import Entry, determined
 from pliant.selection.fitted import (
     EVALUATIONS,
     TOLERANCE,
@@ -41,8 +38,7 @@ from pliant.selection.fitted import (
 from pliant.selection.result import ModelSelection, SelectionStep, TriedTerm
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
-from pliant.selection.start import first_model
-from pliant.selection.terms import Term, terms_for
+from pliant.selection.terms import Term
 
 Array = np.ndarray
 Notify = Callable[[str], None]
@@ -52,107 +48,11 @@ MOST_REFITS = 6  # of them while none helps: a screen underestimates terms that 
 MOST_OTHERS = 8  # models that are kept during the search, of which some are rivals in the end
 ROUGH, ROUGH_EVALUATIONS = 1e-3, 12  # relative change of the cost, and evaluations, at which a trial of a term stops
 SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converged
-MINUTES = 5.0
 RESERVE = 0.15  # of the time: kept for the last fit
 LAST_EVALUATIONS = 60
 FEWEST_EVALUATIONS = 3  # of a fit, however little time is left
 OUT_OF_TIME = "the time limit was reached: raise minutes to go on"
 NO_BETTER = "no further term lowers the squared error of left-out parts by 3 %"
-
-
-class SearchOptions(TypedDict, total=False):
-    """Keyword options of `select_model`, where they are documented."""
-
-    terms: Sequence[Term] | None
-    minutes: float
-    time_step: float | None
-    weighting: str
-    loss: str
-    rng: np.random.Generator | int | None
-    file: SearchFile | None
-
-
-SEARCH_OPTIONS: SearchOptions = {
-    "terms": None, "minutes": MINUTES, "time_step": None, "weighting": "travel", "loss": "linear", "rng": 0,
-    "file": None,
-}  # fmt: skip
-
-
-def select_model(
-    train: Sequence[Experiment], model: Model, *, common: Sequence[Entry] = (), progress: Notify | None = None,
-    **options: Unpack[SearchOptions],
-) -> ModelSelection:
-    """Choose the terms of a model from training recordings alone, and fit the chosen model.
-
-    The search begins with stiffness, damping and a torque proportional to each input. In each step, a screen predicts
-    from one Jacobian what every further term would lower the cost by; the three best are fitted from the parent's
-    optimum. The term that predicts parts of the recordings best from the other parts (see
-    `pliant.selection.criterion`) joins the model if it improves its sum of squares by 3 %. At the end, terms without
-    which the prediction is as good, and terms that the recordings do not determine (standard error above half the
-    value), are dropped again. An undetermined time or angle of a term that is needed is held at its value.
-
-    Parameters
-    ----------
-    train : sequence of Experiment
-        Training recordings. No other recording is looked at.
-    model : Model
-        Geometry, and the values of everything that is not fitted.
-    common : sequence of Parameter or str
-        Parameters that are free in every model, such as the position of a marker. They take precedence over the
-        stiffness, damping and torque with which the search begins.
-    terms : sequence of Term, optional
-        Terms that may be added; default: `terms_for` of the model and recordings.
-    minutes : float
-        Time limit. When it is reached, or at an interrupt (Ctrl-C), the best model so far is the result, and its reason
-        says so.
-    time_step : float, s
-        As in `fit`.
-    weighting, loss, rng
-        As in `fit`.
-    file : SearchFile, optional
-        File in which the search keeps its state after each step, and from which it goes on.
-    progress : callable, optional
-        Called with one line of text after each fit.
-
-    Returns
-    -------
-    ModelSelection
-
-    Raises
-    ------
-    FitError, InputError
-        As `fit`, for the model with which the search begins.
-    TypeError
-        For an unknown keyword.
-    """
-    how = with_defaults(select_model, options, SEARCH_OPTIONS)
-    check_options(how)
-    began, notify = clock.monotonic(), progress or (lambda _line: None)
-    deadline = began + 60 * how["minutes"]
-    file, state = how["file"], None if how["file"] is None else how["file"].load()
-    terms = terms_for(model, train) if how["terms"] is None else how["terms"]
-    if state is None:
-        setting, parent, chosen = first_model(train, model, common, terms, how, notify)
-        start = model.with_(stations=parent.model.stations)
-        return Search(setting, start, determined(parent, setting), terms, began, deadline, notify, file, chosen).run()
-    stated = how["time_step"] is not None
-    setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"], stated_step=stated)
-    chosen = [t for name in state.terms for t in terms if t.name == name]
-    longer = model
-    for term in chosen:
-        longer = term.model(longer)
-    best = fitted(setting, longer, state.parameters, prior_weight=state.prior_weight, evaluations=0)
-    notify(f"goes on from a run that was stopped: {', '.join(t.title for t in chosen) or 'no term'} so far")
-    start = model.with_(stations=best.model.stations)
-    return Search(setting, start, best, terms, began - state.seconds, deadline, notify, file, chosen,
-                  list(state.steps)).run()
-
-
-def check_options(how: SearchOptions) -> None:
-    """Raise InputError for an unknown weighting or loss, or a time limit that is not positive."""
-    check_choices(how["loss"], how["weighting"])
-    if not how["minutes"] > 0:
-        raise InputError(f"minutes must be positive, got {how['minutes']}: give the time that the search may take")
 
 
 @dataclass
@@ -223,15 +123,26 @@ class Search:
         then predicted worse.
         """
         self.best, self.score = fit, self.scored(fit)
-        if fit.problem.learns and abs(fit.prior_weight / fit.problem.size - 1.0) > MATERIAL:
+        if not fit.problem.learns or self.late or abs(fit.prior_weight / fit.problem.size - 1.0) <= MATERIAL:
+            return
+        with suppress(PliantError):
             weighted = self.converged(fit, fit.prior_weight)
             if (score := self.scored(weighted)) < (1 + MATERIAL) * self.score:
                 self.best, self.score = weighted, score
 
     def converged(self, fit: FittedModel, prior_weight: float) -> FittedModel:
         """Return a fit continued until it converges, with another weight of its priors."""
-        return fitted(self.setting, fit.model, fit.parameters, prior_weight=prior_weight,
-                      evaluations=self.affordable(EVALUATIONS), tolerance=0.1 * ROUGH)  # fmt: skip
+        return self.timed(fit.model, fit.parameters, prior_weight, EVALUATIONS, 0.1 * ROUGH)
+
+    def timed(
+        self, model: Model, parameters: Sequence[Parameter], prior_weight: float, most: int, tolerance: float,
+    ) -> FittedModel:
+        """Return the fit of a model from its start values, with as many evaluations as the time left allows."""
+        began = clock.monotonic()
+        end = fitted(self.setting, model, parameters, prior_weight=prior_weight, evaluations=self.affordable(most),
+                     tolerance=tolerance)  # fmt: skip
+        self.pace = (clock.monotonic() - began) / max(end.problem.evaluations, 1)
+        return end
 
     def record(self, name: str, title: str) -> None:
         """Record the model as it is now, after the term `name` joined it or left it."""
@@ -293,62 +204,79 @@ class Search:
         return list(best.values()), list(trials.values())
 
     def add_term(self) -> str:
-        """Add the best term to the model. Return why the search ends, or '' if a term was added."""
+        """Add the best term to the model. Return why the search ends, or '' if a term was added.
+
+        Terms are tried until three help, or six do not. The best of them joins, if it helps when its fit has converged;
+        if none does, the terms that were passed over are tried too.
+        """
         if self.late:
             return OUT_OF_TIME
         proposals, trials = self.ranked()
+        tried: dict[str, TriedTerm] = {}
         children: list[tuple[float, FittedModel, Term]] = []
-        fitted_groups: list[str] = []
-        for proposal in proposals:
-            term = proposal.term
-            enough = len(fitted_groups) >= (REFITS if children else MOST_REFITS)
-            if enough or self.late or (term.group and term.group in fitted_groups) or any(
-                score < proposal.score for score, _, _ in children
-            ):
-                trials.append(TriedTerm(term.name, term.title, proposal.cost, reason="other terms promise more"))
-                continue
-            fitted_groups.append(term.group or term.name)
-            better, trial = self.child(proposal)
-            trials.append(trial)
+        joined: Term | None = None
+        while joined is None and (proposal := self.next_proposal(proposals, tried, children)):
+            better, tried[proposal.term.name] = self.child(proposal)
             if better is not None:
-                children.append((*better, term))
-        best_first = sorted(children, key=lambda c: c[0])
-        joined = next((t for _, fit, t in best_first if self.joins(fit, t, trials)), None)
+                children.append((*better, proposal.term))
+            if self.next_proposal(proposals, tried, children) is None:
+                best_first = sorted(children, key=lambda c: c[0])
+                joined = next((t for _, fit, t in best_first if self.joins(fit, t, tried)), None)
+                children = []
+        passed = (p for p in proposals if p.term.name not in tried)
+        trials += [*tried.values(), *(TriedTerm(p.term.name, p.term.title, p.cost, reason="other terms promise more")
+                                      for p in passed)]  # fmt: skip
         self.steps[-1] = replace(self.steps[-1], tried=tuple(trials))
         if joined is None:
             return OUT_OF_TIME if self.late else NO_BETTER
         self.record(joined.name, joined.title)
         return ""
 
-    def joins(self, fit: FittedModel, term: Term, trials: list[TriedTerm]) -> bool:
-        """Adopt the fit with one more term, unless left-out parts are predicted no better once it has converged: then
-        the trial says so. Return whether the term joined.
+    def next_proposal(
+        self, proposals: Sequence[TermProposal], tried: Mapping[str, TriedTerm],
+        children: Sequence[tuple[float, FittedModel, Term]],
+    ) -> TermProposal | None:
+        """Return the next proposal to fit; None if enough terms were `tried`, if one of the `children` is better than
+        the rest promise, or if the time is over.
         """
-        end = self.converged(fit, fit.problem.size)
-        if (score := self.scored(end)) < (1 - MATERIAL) * self.score:
+        if self.late or len(tried) >= (REFITS if children else MOST_REFITS):
+            return None
+        groups = {p.term.group for p in proposals if p.term.name in tried and p.term.group}
+        left = (p for p in proposals if p.term.name not in tried and p.term.group not in groups)
+        best = min((score for score, _, _ in children), default=np.inf)
+        return next((p for p in left if p.score <= best), None)
+
+    def joins(self, fit: FittedModel, term: Term, tried: dict[str, TriedTerm]) -> bool:
+        """Adopt the fit with one more term, unless the converged one fails what `child` asks: then the trial says so.
+        Return whether the term joined.
+        """
+        trial = tried[term.name]
+        try:
+            end = fit if self.late else self.converged(fit, fit.problem.size)
+        except PliantError as error:
+            tried[term.name] = trial._replace(reason=str(error))
+            return False
+        helps, tried[term.name] = self.judged(end, term, trial)
+        if helps:
             self.chosen.append(term)
             self.adopt(end)
-            return True
-        worse = f"left-out parts are predicted no better once its fit converges (error {by_percent(score, self.score)})"
-        k = next(k for k, trial in enumerate(trials) if trial.name == term.name)
-        trials[k] = trials[k]._replace(cost=end.cost, left_out=score, reason=worse)
-        return False
+        else:  # the rough fit promised too much
+            title = f"with {term.title}"
+            self.others = [other for other in self.others if other[1] != title]
+            self.keep(self.scored(end), title, end)
+        return helps
 
-    def affordable(self, most: int) -> int:
-        """Return how many evaluations a fit may take: at most `most`, and no more than the time left allows."""
-        left = self.deadline - clock.monotonic()
+    def affordable(self, most: int, *, last: bool = False) -> int:
+        """Return how many evaluations a fit may take: at most `most`, and no more than the time left allows, of which a
+        part is kept for the `last` fit.
+        """
+        left = self.deadline - clock.monotonic() - (0.0 if last else RESERVE * self.allowed)
         return most if self.pace == 0.0 else int(np.clip(left / self.pace, FEWEST_EVALUATIONS, most))
 
     def refitted(self, model: Model, parameters: Sequence[Parameter], *, roughly: bool = False) -> FittedModel:
-        """Return the fit of a model from its start values, with as many evaluations as the time left allows; `roughly`,
-        with as many as a comparison needs.
-        """
-        began = clock.monotonic()
-        most, tolerance = (ROUGH_EVALUATIONS, ROUGH) if roughly else (EVALUATIONS, TOLERANCE)
-        end = fitted(self.setting, model, parameters, prior_weight=self.best.problem.size,
-                     evaluations=self.affordable(most), tolerance=tolerance)  # fmt: skip
-        self.pace = (clock.monotonic() - began) / max(end.problem.evaluations, 1)
-        return end
+        """Return the fit of a model from its start values; `roughly`, with the evaluations that a comparison needs."""
+        limits = (ROUGH_EVALUATIONS, ROUGH) if roughly else (EVALUATIONS, TOLERANCE)
+        return self.timed(model, parameters, self.best.problem.size, *limits)
 
     def child(self, proposal: TermProposal) -> tuple[tuple[float, FittedModel] | None, TriedTerm]:
         """Fit the model with one more term. Return the criterion and the fit, or None if the term is refused, and what
@@ -366,17 +294,23 @@ class Search:
                 best = min(best, again, key=lambda end: end.cost)
         except PliantError as error:
             return None, trial._replace(reason=str(error))
-        score = self.scored(best)
-        self.keep(score, f"with {term.title}", best)
-        trial = trial._replace(cost=best.cost, left_out=score, reason="")
-        if best.cost > (1 + SAME) * self.best.cost:
-            return None, trial._replace(reason="its fit has not converged: the cost is above that without the term")
-        if ends := at_bounds(best, term):
-            return None, trial._replace(reason=f"its fit ends at a bound: {', '.join(ends)}")
-        by = by_percent(score, self.score)
-        if score > (1 - MATERIAL) * self.score:
-            return None, trial._replace(reason=f"left-out parts are predicted no better (error {by})")
-        return (score, best), trial._replace(reason=f"left-out parts are predicted better (error {by})")
+        self.keep(self.scored(best), f"with {term.title}", best)
+        helps, trial = self.judged(best, term, trial)
+        return (self.scored(best), best) if helps else None, trial
+
+    def judged(self, fit: FittedModel, term: Term, trial: TriedTerm) -> tuple[bool, TriedTerm]:
+        """Return whether a fit with one more term predicts left-out parts better, inside its bounds, and the trial with
+        what was found.
+        """
+        score = self.scored(fit)
+        by, trial = by_percent(score, self.score), trial._replace(cost=fit.cost, left_out=score)
+        if fit.cost > (1 + SAME) * self.best.cost:
+            return False, trial._replace(reason="its fit has not converged: the cost is above that without the term")
+        if ends := at_bounds(fit, term):
+            return False, trial._replace(reason=f"its fit ends at a bound: {', '.join(ends)}")
+        helps = score <= (1 - MATERIAL) * self.score
+        return helps, trial._replace(
+            reason=f"left-out parts are predicted {'better' if helps else 'no better'} (error {by})")
 
     def drop_term(self) -> bool:
         """Drop the term without which left-out parts are predicted best, if the model does not need it. Return whether
@@ -438,11 +372,11 @@ class Search:
     def final_fit(self) -> FitResult:
         """Return the chosen model, fitted until it converges."""
         problem, began = with_checked_step(self.best, self.setting), clock.perf_counter()
-        evaluations = self.affordable(LAST_EVALUATIONS)
+        evaluations = self.affordable(LAST_EVALUATIONS, last=True)
         best = solve(problem, self.best.x, self.setting.loss, evaluations)
         for _ in range(2 if problem.learns else 0):
             problem.learn_sizes(best.x)
-            evaluations = self.affordable(LAST_EVALUATIONS)
+            evaluations = self.affordable(LAST_EVALUATIONS, last=True)
             best = solve(problem, best.x, self.setting.loss, evaluations)
         late = best.status == 0 and evaluations < LAST_EVALUATIONS
         failure = "stopped at the time limit before it converged: raise minutes" if late else ""

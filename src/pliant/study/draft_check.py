@@ -23,7 +23,7 @@ from pliant.model import Model
 from pliant.selection import terms_for
 from pliant.selection.first_model import beginning
 from pliant.selection.fitted import FitSetting
-from pliant.selection.search import MINUTES
+from pliant.selection.select import MINUTES
 from pliant.selection.slow import slow_body
 from pliant.selection.start import quick_start, slow_start
 from pliant.study.draft_tables import down
