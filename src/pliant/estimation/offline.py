@@ -127,7 +127,7 @@ def estimate(
     """
     settings = noise or default_noise(model, disturbance=disturbance, recordings=[recording])
     carried = base is not None
-    observed_stations(recording, model, stations, carried=carried)  # refuses a recording before its inputs are looked for
+    observed_stations(recording, model, stations, carried=carried)  # refused before inputs are looked for
     source, body = input_of(recording, model, pressure, pressure_window, drive)
     begin = recording["time"].values[:1] - latency
     first = np.array([float(one(begin)[0]) for one in (source if isinstance(source, Sequence) else [source])])

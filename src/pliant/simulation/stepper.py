@@ -117,7 +117,7 @@ class Stepper:
         self._base = None if base is None else BaseSteps(model, base)
         self.model = model if self._base is None else self._base.model
         self._chain = mechanics_of(model) if self._base is None else self._base.chain
-        self.time_step = time_step
+        self.time_step, self.start = time_step, float(start)
         self._drives = march_loops.Drives(
             model.actuation.kernel(), np.array([lag_of(c.valve) for c in model.chambers]),
             np.zeros(model.actuation.count), np.zeros((model.actuation.count, 2)),
@@ -126,7 +126,7 @@ class Stepper:
         self._body, self._joints, self._work = self._chain.parts()
         records: Any = type(self._body), type(self._joints), type(self._work), type(model.memory.law())
         self._advance = twin(march_loops.of_records(march_loops.hold, *records), *self._chain.sizes)
-        self.reset(pressure, start=start)
+        self.reset(pressure)
         self.step(pressure)  # compiled here
         self.reset(pressure)
 
