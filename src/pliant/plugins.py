@@ -83,7 +83,7 @@ def _load(group: str, name: str, target: str, kind: type[T]) -> T:
         show_heavy()
     try:
         plugin = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, TypeError) as error:  # TypeError: made with arguments of another version
         raise InputError(
             f"the {_noun(group)} {name!r} of entry point {target!r} cannot be loaded: {error}; update or remove its "
             "package"

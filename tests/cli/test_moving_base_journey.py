@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from pliant.errors import InputError
 from pliant.model import Model, Space, chain_model, save_model
 from pliant.recording import make_recording, write
+from pliant.recording.inputs import with_base_motion
 from pliant.simulation import BaseMotion, Pulse, read_base, simulate
 
 Array = np.ndarray
@@ -192,3 +193,37 @@ def test_an_estimate_with_an_unusable_motion_of_the_base_is_refused(tmp_path: Pa
         assert done.exit_code != 0
         assert said in str(done.exception)
         assert not (tmp_path / "states.nc").exists()
+
+
+def test_an_estimate_takes_noisy_poses_and_a_recording_that_holds_its_base(tmp_path: Path) -> None:
+    """The recording holds its own poses; those of a file are stated, by a mapping that names their columns."""
+    model, times = arm(2), np.arange(0.0, 0.5, 0.01)
+    model, states = model.with_(stations=model.points), tmp_path / "states.nc"
+    place = SHAKEN[:, :2]
+    run = simulate(model, Pulse(0.0), times=times, time_step=2e-3, base=BaseMotion(TIME, place))
+    recording = make_recording(times, run["station_position"].values, station=[p.name for p in model.points],
+                               frame="planar", pressure_time=times, pressure=0.0 * times, source="test")  # fmt: skip
+    write(with_base_motion(recording, place[: times.size]), tmp_path / "a.nc")
+    noisy = 1e3 * place + 0.05 * np.random.default_rng(1).standard_normal(place.shape)
+    path, mapping = csv(tmp_path / "base.csv", "a,b,c", TIME, noisy), tmp_path / "map.toml"
+    mapping.write_text('time = "a"\nlength_unit = "mm"\nstations = { base = { position = ["b", "c"] } }\n')
+    poses_of_file = ["--base", path, "--base-mapping", mapping, "--base-cutoff-hz", "8"]
+    save_model(model, tmp_path / "model.json")
+    done = invoke("estimate", tmp_path / "a.nc", "--model", tmp_path / "model.json", "--no-disturbance", *poses_of_file,
+                  "-o", states)  # fmt: skip
+    assert done.exit_code == 0, done.output
+    with xr.open_dataset(states) as estimated:
+        off = np.abs(estimated["smooth_joint_rate"] - run["joint_rate"])[10:-10].max()
+    assert off < 0.1 * np.abs(run["joint_rate"]).max()
+    states.unlink()
+    save_model(model.with_(moving_base=True), tmp_path / "moves.json")
+    write(recording, tmp_path / "bare.nc")
+    for name, body, said in (
+        ("a", "model", "in the axes of a base that moves: state the motion of the base by"),
+        ("bare", "moves", "moving_base to false for a body whose base rests"),
+    ):
+        done = invoke("estimate", tmp_path / f"{name}.nc", "--model", tmp_path / f"{body}.json", "-o", states)
+        assert done.exit_code != 0
+        assert said in str(done.exception)
+        assert "--base FILE" in str(done.exception)
+        assert not states.exists()

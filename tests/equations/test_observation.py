@@ -70,9 +70,11 @@ def test_slopes_are_those_of_the_positions(model, rng):
 
 def test_motion_of_late_is_the_mean_square_of_joint_rates_and_fades():
     recent, empty = np.zeros(1), {"hardening": np.zeros((3, 4)), "tied": np.zeros((2, 0))}
-    joints = SimpleNamespace(theta0=np.zeros(3), unloaded=np.zeros(2), **empty)
+    joints = SimpleNamespace(theta0=np.zeros(3), unloaded=np.zeros(2), spin=np.zeros(2), **empty)
     recall(motion_of(np.array([1.0, 3.0, 0.0, 9.0]), joints), 0.01, recent)  # the last one is the rate of a strain
     assert recent[0] == pytest.approx((1.0 + 4.0 + 9.0) / 3)
     assert motion_in_space(np.array([1.0, 3.0, -2.0, 0.0, 9.0]), joints) == pytest.approx(14.0 / 2)
+    carried = SimpleNamespace(theta0=np.zeros(3), spin=np.array([4.0, 0.0]))
+    assert motion_of(np.array([4.0, 4.0, 6.0]), carried) == pytest.approx(4.0 / 3)  # the base turns at 4 rad/s
     recall(0.0, 0.05, recent)
     assert recent[0] == pytest.approx((14.0 / 3) / 1.5)

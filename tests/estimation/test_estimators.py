@@ -191,4 +191,14 @@ def test_an_installed_package_brings_an_estimator(monkeypatch):
         registered.estimator_kind("mine")
 
 
+def test_an_estimator_for_another_version_is_named(monkeypatch, tmp_path):
+    (tmp_path / "old_estimator.py").write_text(
+        "from pliant.estimation.contract import EstimatorKind\n"
+        "ESTIMATOR = EstimatorKind('mine', None, fixed_length=True)\n", encoding="utf-8")  # fmt: skip
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(plugins, "installed", lambda group: {"mine": "old_estimator:ESTIMATOR"})
+    with pytest.raises(InputError, match=r"'mine' of .* cannot be loaded: .*'fixed_length'; update or remove its pack"):
+        registered.estimators()
+
+
 MINE = EstimatorKind("mine", lambda setting: setting)

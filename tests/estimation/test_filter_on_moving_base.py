@@ -84,7 +84,32 @@ def test_a_motion_that_ends_or_is_missing_is_refused() -> None:
     with pytest.raises(InputError, match=r"known from 0 to 0.6 s, but is needed from 0 to 0.7 s"):
         tracked.state(0.7)
     assert tracked.time == 0.0
-    with pytest.raises(InputError, match="moving base"):
+    with pytest.raises(InputError, match=r"moving base.* set moving_base to false for a body whose base rests"):
         KalmanFilter(model.with_(moving_base=True))
     with pytest.raises(InputError, match="moves in a plane"):
         KalmanFilter(model, base=MOTIONS[3])
+
+
+def test_the_turn_of_the_base_is_no_motion_of_the_joints() -> None:
+    """A stiff arm on a base that turns at 3 rad/s: the noise of the disturbance grows with the joint rates alone."""
+    stiff = arm(2, stiffness=[400.0, 300.0], damping=0.5)
+    turning = BaseMotion(TIME, np.zeros((TIME.size, 2)), angle=3.0 * TIME)
+    tracked = KalmanFilter(stiff, time_step=1e-3, base=turning)
+    tracked.advance(0.3)
+    assert np.abs(tracked.rate).max() < 0.03
+    assert tracked._densities.recent[0] < 1e-3
+
+
+def test_a_frame_beyond_the_known_motion_is_not_kept() -> None:
+    model = arm(2)
+    rows, tracked = rows_of(model, model.points[-1:]), KalmanFilter(model, time_step=5e-3, base=MOTIONS[2])
+    tip = np.array([0.0, 0.14])
+    tracked.push_frame(0.55, rows, tip, np.full(2, 1e-6))
+    with pytest.raises(InputError, match=r"known from 0 to 0.6 s"):
+        tracked.push_frame(0.7, rows, tip, np.full(2, 1e-6))
+    with pytest.raises(InputError, match=r"known from 0 to 0.6 s"):
+        tracked.push_pressure(0.7, 1e4)
+    tracked.push_frame(0.58, rows, tip, np.full(2, 1e-6))
+    tracked.push_frame(0.56, rows, tip, np.full(2, 1e-6))
+    assert (tracked.time, tracked.counts.used, tracked.counts.late) == (0.58, 3, 1)
+    assert tracked.pressure.tolist() == [0.0]

@@ -72,8 +72,23 @@ def test_a_motion_that_ends_or_does_not_fit_is_refused() -> None:
         stepper.move_base(MOTIONS[3])
     with pytest.raises(InputError, match="the base of this Stepper rests"):
         Stepper(model, STEP).move_base(motion)
-    with pytest.raises(InputError, match="moving base"):
+    with pytest.raises(InputError, match=r"moving base.* set moving_base to false for a body whose base rests"):
         Stepper(model.with_(moving_base=True), STEP)
+
+
+def test_a_reset_begins_where_newer_poses_do() -> None:
+    motion = BaseMotion(TIME + 0.3, PLACE[:, :2], angle=TURN[:, 2])
+    stepper, other = Stepper(arm(2), STEP, base=MOTIONS[2]), Stepper(arm(2), STEP, base=motion, start=0.4)
+    stepper.step(1e4, 350)
+    stepper.move_base(motion)
+    with pytest.raises(InputError, match=r"known from 0.3 to 0.9 s.*to begin at another time, state its `start`"):
+        stepper.reset()
+    assert stepper.time == pytest.approx(0.35)
+    stepper.reset(start=0.4)
+    assert stepper.time == stepper.start == 0.4
+    np.testing.assert_array_equal(stepper.step(1e4, 5)[0], other.step(1e4, 5)[0])
+    stepper.reset()
+    assert stepper.time == 0.4
 
 
 @pytest.mark.slow  # MuJoCo's forces in an adaptive integration

@@ -147,4 +147,4 @@ def test_estimate_refuses_a_recording_whose_base_moves(tmp_path):
     save_model(model, tmp_path / "model.json")
     run = program("estimate", tmp_path / "moving.nc", "--model", tmp_path / "model.json")
     assert run.returncode != 0
-    assert "an estimate from a recording does not support moving base (moving_base)" in " ".join(run.stderr.split())
+    assert "the recording is in the axes of a base that moves: state the motion" in " ".join(run.stderr.split())

@@ -217,10 +217,11 @@ def motion_of(w, joints):
     """Return the mean over the joints of the squared joint rates [rad^2/s^2], from the rates w of the absolute link
     angles.
 
-    w may hold rates of strains behind those of the links.
+    The first joint turns against the base, whose mean rate in a time step is `joints.spin`. w may hold rates of strains
+    behind those of the links.
     """
     n = len(joints.theta0)
-    power = w[0] * w[0]
+    power = (w[0] - joints.spin[0]) * (w[0] - joints.spin[0])
     for i in range(1, n):
         power = power + (w[i] - w[i - 1]) * (w[i] - w[i - 1])
     return power / n

@@ -70,7 +70,8 @@ class Counts:
 
 FILTER = Consumer(
     "KalmanFilter", RESTING - VALVES, dict.fromkeys(VALVES, "pressures are taken as behind the valves"),
-    {"base_motion": "state the motion of its base: KalmanFilter(model, base=BaseMotion(...))"},
+    {"base_motion": "state the motion of its base: KalmanFilter(model, base=BaseMotion(...)), or set moving_base to "
+                    "false for a body whose base rests"},
 )
 
 
@@ -308,8 +309,9 @@ class KalmanFilter:
         self.advance(now)
 
     def _apply(self, event: FilterEvent) -> None:
-        self._events.append((FilterSnapshot(self.time, self.pressure, self._slow.copy(), self._state.copy()), event))
-        self.advance(event.time)
+        before = FilterSnapshot(self.time, self.pressure, self._slow.copy(), self._state.copy())
+        self.advance(event.time)  # raises before the event is kept
+        self._events.append((before, event))
         if event.pressure is not None:
             self.pressure = event.pressure
         if event.rows is None or event.value is None or event.variance is None:

@@ -35,7 +35,10 @@ HALF_TURN = np.pi + 1e-6  # rad: no rotation vector is longer
 PLAIN = 0.5  # correlation of pressure and tip x with the wrong sign, above which a recording is rejected
 
 
-ESTIMATE = Consumer("an estimate from a recording", RESTING)
+ESTIMATE = Consumer("an estimate from a recording", RESTING, remedy={
+    "base_motion": "state the motion of its base by estimate(..., base=BaseMotion(...)) or --base FILE, or set "
+                   "moving_base to false for a body whose base rests",
+})  # fmt: skip
 
 
 class Measurement(NamedTuple):
@@ -178,7 +181,7 @@ def flips(rows: Array, values: Array, seen: Array) -> int:
 
 def measurement_of(
     recording: xr.Dataset, model: Model, noise: Noise, stations: tuple[str, ...] | None = None,
-    inputs: Array | None = None,
+    inputs: Array | None = None, *, carried: bool = False,
 ) -> Measurement:
     """Return the filter's measurement from an aligned recording: m measured quantities, their values (T, m) in T
     frames, and their variances (m,).
@@ -188,29 +191,32 @@ def measurement_of(
     the model's do. In space, the positions of the model's stations are used, with orientations of rigid bodies there.
     A recording holds these as rotations since its rest; they are added to the model's equilibrium without input.
     Values of further variables that count from the first frames are added to those in equilibrium under `inputs` (C,)
-    [SI], those of the first frame; default: none.
+    [SI], those of the first frame; default: none. `carried` says that the filter is told the motion of the base.
 
     Raises
     ------
     InputError
         When the recording is not aligned, is planar for a model in space or the reverse, bends to the other side than
         the model, or shows neither the model's stations nor a dense curve (which is not enough for an extensible body),
-        or when its base moves as an input.
+        or when its base moves as an input and `carried` is false.
     """
-    if observed := observed_stations(recording, model, stations):
+    if observed := observed_stations(recording, model, stations, carried=carried):
         return from_stations(recording, model, noise, observed, inputs)
     return from_curve(recording, model, noise)
 
 
 def observed_stations(
-    recording: xr.Dataset, model: Model, stations: tuple[str, ...] | None = None,
+    recording: xr.Dataset, model: Model, stations: tuple[str, ...] | None = None, *, carried: bool = False,
 ) -> tuple[Station, ...]:
     """Return the model's stations that a recording shows; () for a dense curve. Raise InputError where a recording
     shows neither, as `measurement_of` does.
     """
     check_recording(recording)
-    if base_moves(recording):
-        ESTIMATE.check(model.with_(moving_base=True))
+    if not carried:
+        if base_moves(recording):
+            raise InputError("the recording is in the axes of a base that moves: state the motion of the base by "
+                             "estimate(..., base=BaseMotion(...)) or --base FILE")
+        ESTIMATE.check(model)
     space = model.space is not None
     frame = "spatial" if space else "planar"
     if recording.attrs.get("frame") != frame:

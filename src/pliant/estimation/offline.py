@@ -107,7 +107,7 @@ def estimate(
     ------
     InputError
         When the recording does not show the model, or has no inputs and none are given, or inputs differ in kind, or
-        the motion of the base does not fit the model or cover the recording.
+        the motion of the base does not fit the model or cover the recording, or is not given for a base that moves.
     SimulationError
         When a prediction fails.
 
@@ -126,11 +126,12 @@ def estimate(
         found.disturbance, found.disturbance_sd                    # N m of each joint: external forces, model error
     """
     settings = noise or default_noise(model, disturbance=disturbance, recordings=[recording])
-    observed_stations(recording, model, stations)  # refuses a recording before its inputs are looked for
+    carried = base is not None
+    observed_stations(recording, model, stations, carried=carried)  # refused before inputs are looked for
     source, body = input_of(recording, model, pressure, pressure_window, drive)
     begin = recording["time"].values[:1] - latency
     first = np.array([float(one(begin)[0]) for one in (source if isinstance(source, Sequence) else [source])])
-    measurement = measurement_of(recording, model, settings, stations, first)
+    measurement = measurement_of(recording, model, settings, stations, first, carried=carried)
     times = measurement.time - latency
     if times.size < 3:  # the first meets the assumed start, and two more are compared with each other
         raise InputError(f"estimation needs at least three frames, got {times.size}: record for longer")

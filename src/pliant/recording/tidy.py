@@ -91,10 +91,15 @@ def table_lines(
 
 
 def holds_rows(path: Path) -> bool:
-    """Return whether some line of a text table holds two numbers or more, and more numbers than words."""
+    """Return whether some line of a text table holds two numbers or more, and more numbers than words. A line of
+    numbers alone may have decimal commas between blanks.
+    """
     for line in table_lines(path).lines:
         cells = [cell for cell in split_cells(line, delimiter_of(line, None)) if cell]
         if sum(map(is_number, cells)) > max(1, len(cells) / 2):
+            return True
+        between_blanks = line.split()
+        if len(between_blanks) > 1 and all(map(is_number, between_blanks)):
             return True
     return False
 

@@ -28,7 +28,8 @@ STEPPER = Consumer(
     remedy={
         **dict.fromkeys(VALVES - FIRST_ORDER, "give the model an ideal or first-order valve, and pass the pressure "
                         "behind your valve to `step`"),
-        "base_motion": "state the motion of its base: Stepper(model, base=BaseMotion(...))",
+        "base_motion": "state the motion of its base: Stepper(model, base=BaseMotion(...)), or set moving_base to "
+                       "false for a body whose base rests",
     },
 )  # fmt: skip
 
@@ -131,12 +132,13 @@ class Stepper:
 
     def reset(
         self, pressure: float | Float[Array, " C"] = 0.0, *, joint_angle: Float[Array, " N"] | None = None,
-        joint_rate: Float[Array, " N"] | None = None,
+        joint_rate: Float[Array, " N"] | None = None, start: float | None = None,
     ) -> None:
-        """Reset the time to `start` and the state to equilibrium under `pressure` [Pa], or to given joint angles and
-        rates.
+        """Reset the time to `start` [s] and the state to equilibrium under `pressure` [Pa], or to given joint angles
+        and rates.
 
-        `joint_angle` and `joint_rate` are (n,) [rad, rad/s].
+        `joint_angle` and `joint_rate` are (n,) [rad, rad/s]. `start` replaces that of the constructor, as newer poses
+        of the base need.
 
         Hysteresis states are in equilibrium at these angles, and a force of `push` is removed. For a body that
         lengthens both arrays are (n + S,), with strains behind angles.
@@ -144,10 +146,10 @@ class Stepper:
         Raises
         ------
         InputError
-            When the angles or rates are not n finite numbers.
+            When the angles or rates are not n finite numbers, or the motion of the base is not known at `start`.
         """
-        model = self.model
-        q = self._rest(pressure) if joint_angle is None else state.vector(model, joint_angle)
+        model, begin = self.model, self.start if start is None else float(start)
+        q = self._rest(pressure, begin) if joint_angle is None else state.vector(model, joint_angle)
         dq = np.zeros(model.size) if joint_rate is None else state.vector(model, joint_rate)
         self._x, self._v = mechanics_of(model).coordinates(q), mechanics_of(model).rates(dq)
         turns = model.size - len(model.extensions)
@@ -159,13 +161,16 @@ class Stepper:
         past = self._chain.past(self.memory)
         self._parts = tuples((self._drives, self._body, self._joints, self._work, *past))
         self._load = mechanics_of(self.model).no_loads()[:0]
-        self.time = self.start
+        self.time = self.start = begin
         self._watch = EnergyWatch(self.model) if self._base is None else Unwatched(self.model)
 
-    def _rest(self, pressure: float | Array) -> Array:
+    def _rest(self, pressure: float | Array, begin: float) -> Array:
         if self._base is None:
             return state.equilibrium(self.model, pressure)
-        return self._base.rest(pressure, self.start)
+        try:
+            return self._base.rest(pressure, begin)
+        except InputError as error:
+            raise InputError(f"{error}; to begin at another time, state its `start`") from None
 
     @property
     def position(self) -> Float[Array, " N"]:
@@ -229,7 +234,8 @@ class Stepper:
         self._load = link_loads(self.model, [pull], pull.force[None])[0]
 
     def move_base(self, motion: BaseMotion) -> None:
-        """Prescribe another motion of the base from now on, such as one with newer poses.
+        """Prescribe another motion of the base from now on, such as one with newer poses. Where it does not cover the
+        time at the start, a later `reset` needs its `start`.
 
         Raises
         ------
