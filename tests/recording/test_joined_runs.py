@@ -108,3 +108,34 @@ def test_a_cut_last_row_of_the_last_run_is_left_out(tmp_path: Path) -> None:
     one = pliant.read(path, mapping={"select": {"column": "run", "value": 2}})
     assert one.sizes["time"] == 199
     assert "was left out" in one.attrs["history"]
+
+
+@pytest.mark.parametrize("wrong", [
+    {100: "0.000"}, {100: "0.020"}, {60: "0.000", 130: "0.000"}, dict.fromkeys(range(100, 120), "0.000"),
+    {100 + k: f"{0.02 * k:.3f}" for k in range(20)},
+])
+def test_wrong_time_stamps_begin_no_run(tmp_path: Path, wrong: dict[int, str]) -> None:
+    lines = [f"{wrong.get(k, row.partition(',')[0])},{row.partition(',')[2]}" for k, row in enumerate(rows(20))]
+    path = written(tmp_path / "day.csv", NAMES, *lines)
+    for command in (("inspect", path), ("new", tmp_path / "s.toml", "--from", path)):
+        answer = invoke(*command)
+        assert answer.exit_code != 0
+        assert "goes back" in str(answer.exception)
+    assert not (tmp_path / "s.toml").exists()
+
+
+@pytest.mark.parametrize("jitter", [0, 3000])
+def test_a_counter_that_begins_anew_each_second_begins_no_run(tmp_path: Path, jitter: int) -> None:
+    late = np.random.default_rng(3).integers(0, jitter + 1, 200)
+    ticks = [f"{(20000 * k + late[k]) % 1000000},{row.partition(',')[2]}" for k, row in enumerate(rows(20))]
+    path = written(tmp_path / "day.csv", NAMES.replace("time [s]", "time [us]"), *ticks)
+    with pytest.raises(InputError, match="its counter may begin anew after each 1000000 us"):
+        pliant.read(path)
+
+
+def test_runs_whose_last_time_is_round_stay_runs(tmp_path: Path) -> None:
+    time = np.linspace(0.0, 60.0, 101)
+    once = [f"{t:.3f},{row.partition(',')[2]}" for t, row in zip(time, rows(20), strict=False)]
+    path = written(tmp_path / "day.csv", NAMES, *once, *once)
+    with pytest.raises(InputError, match="holds 2 runs"):
+        pliant.read(path)

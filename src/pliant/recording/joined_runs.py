@@ -11,7 +11,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.recording.cells import ends_alike
-from pliant.recording.clock import wrapped_counter
+from pliant.recording.clock import round_counter, wrapped_counter
 from pliant.recording.column_names import is_time, words_of
 from pliant.recording.tables import NUMBER, split_cells
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 RUN = "run"  # name of the column
 TRIAL = {"id", "trial", "run", "rep", "repetition", "experiment", "session", "sample"}  # words of such a column
 FEWEST_ROWS = 10  # of a run
+FARTHEST = 5.0  # usual steps between the first rows of a run, at most
 BEGIN = 0.2  # of the time of the shortest run: how far apart runs begin on their clocks
 
 
@@ -73,15 +74,33 @@ def restarts(rows: Sequence[str], clock: int, mark: str) -> list[int]:
     if not all(NUMBER.fullmatch(text) for text in texts if text):
         return []
     times = filled(np.array([float(text) if text else np.nan for text in texts]))
-    falls = np.flatnonzero(np.diff(times) < 0) + 1
+    step = np.diff(times)
+    falls = np.flatnonzero(step < 0) + 1
     if not falls.size or any(wrapped_counter(times[k - 1], times[k]) for k in falls):
         return []
     begins = np.array([0, *falls])
     ends = np.array([*falls, len(times)])
+    usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
     shortest = float((times[ends - 1] - times[begins]).min())
     if (ends - begins).min() < FEWEST_ROWS or np.ptp(times[begins]) > BEGIN * shortest:
         return []
+    if not all(goes_on(times[begin:end], usual, times[begin - 1] if begin else np.inf)
+               for begin, end in zip(begins, ends, strict=True)):  # fmt: skip
+        return []
+    if all(round_counter(times[k - 1], times[k], usual) for k in falls):
+        return []
     return [*np.repeat(np.arange(1, len(begins) + 1), ends - begins).tolist()]
+
+
+def goes_on(times: NDArray, usual: float, before: float) -> bool:
+    """Return whether times (T,) behind a time `before` go on as those of a run do: their first steps are near the
+    `usual` one, and none leads back to the clock before, as behind wrong time stamps.
+    """
+    step = np.diff(times)
+    back = int(np.searchsorted(times, before))
+    near = step[: FEWEST_ROWS - 1]
+    return bool((near < FARTHEST * usual).all() and near.any() and (
+        back in (0, len(times)) or step[back - 1] < FARTHEST * usual))
 
 
 def filled(times: NDArray) -> NDArray:
