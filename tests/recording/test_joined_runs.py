@@ -139,3 +139,54 @@ def test_runs_whose_last_time_is_round_stay_runs(tmp_path: Path) -> None:
     path = written(tmp_path / "day.csv", NAMES, *once, *once)
     with pytest.raises(InputError, match="holds 2 runs"):
         pliant.read(path)
+
+
+@pytest.mark.parametrize(("cut", "last"), [(0, 200), (2, 199), (30, 199)])
+def test_a_last_run_without_a_line_end_is_a_recording_of_the_draft(tmp_path: Path, cut: int, last: int) -> None:
+    path, study = restarted(tmp_path / "day.csv"), tmp_path / "s.toml"
+    path.write_text(path.read_text()[: -1 - cut])
+    drafted = invoke("new", study, "--from", path, "--length", "120mm", "--mass", "50g")
+    assert drafted.exit_code == 0, drafted.output
+    assert tomllib.loads(study.read_text())["recordings"]["day"]["select"] == {"column": "run", "values": [1, 2, 3]}
+    one = pliant.read(path, mapping={"select": {"column": "run", "value": 3}})
+    assert one.sizes["time"] == last
+    assert ("was left out" in one.attrs["history"]) == bool(cut)
+
+
+def angles(path: Path) -> Path:
+    once = [f"{0.02 * k:.2f},{0.1 * k:.2f},{0.3 * k:.2f}" for k in range(100)]
+    return written(path, "t_s,theta_deg,p_kpa", *once, *once)
+
+
+def many(path: Path) -> Path:
+    once = rows(20)[:20]
+    return written(path, NAMES, *once * 70)
+
+
+@pytest.mark.parametrize(("table", "size", "listed"), [
+    (angles, 100, "rows = [0, 100] or [100, 200]"),
+    (many, 20, "rows = [0, 20], [20, 40] ... or [1380, 1400]"),
+])
+def test_the_rows_of_a_run_are_named_where_no_draft_can_list_the_runs(tmp_path: Path, table, size, listed) -> None:
+    path, mapping = table(tmp_path / "day.csv"), tmp_path / "m.toml"
+    for command in (("inspect", path), ("new", tmp_path / "s.toml", "--from", path)):
+        answer = invoke(*command)
+        assert answer.exit_code != 0
+        assert listed in str(answer.exception)
+        assert "pliant new" not in str(answer.exception)
+    mapping.write_text(f"rows = [{size}, {2 * size}]\n")
+    shown = invoke("inspect", path, "--mapping", mapping)
+    assert shown.exit_code == 0, shown.output
+    assert f"{size} frames" in shown.output
+
+
+def test_units_below_the_names_of_each_run_are_no_rows(tmp_path: Path) -> None:
+    names = NAMES.replace("time [s]", "t").replace(" [mm]", "").replace(" [kPa]", "")
+    units = "s,mm,mm,mm,mm,mm,mm,kPa"
+    for titles in ([names, units], []):
+        path = written(tmp_path / "day.csv", names, units, *rows(20), *titles, *rows(40))
+        one = pliant.read(path, mapping={"select": {"column": "run", "value": 2}})
+        assert one.sizes["time"] == 200
+        assert bend(one) == pytest.approx(24, abs=1)
+        part = pliant.read(path, mapping={"rows": [200, 400]})
+        assert float(part["pressure"].max()) == pytest.approx(40e3)
