@@ -111,6 +111,42 @@ def test_quaternions_in_another_order_are_refused_or_doubted(tmp_path: Path) -> 
     assert "read as w, x, y, z" in doubts["order of quaternions"]
 
 
+def test_quaternions_under_wrong_names_are_listed_by_the_names_or_the_indices(tmp_path: Path) -> None:
+    from pliant.errors import InputError
+    from pliant.preprocessing.quality import quality
+
+    path = turning(tmp_path / "a.csv", "wxyz")
+    names, _, below = path.read_text().partition("\n")
+    for name in ROLES:
+        names = names.replace(",".join(f"{name}_q{c}" for c in "wxyz"), ",".join(f"{name}_q{c}" for c in "xyzw"))
+    path.write_text(f"{names}\n{below}")
+    assert "whatever their names say" in quality(read(path)).doubts["order of quaternions"]
+
+    def stations(letters: str) -> dict:
+        return {name: {**entry, "quaternion": [f"{name}_q{c}" for c in letters]} for name, entry in ROLES.items()}
+
+    mapping = {"time": "time", "length_unit": "m"}
+    assert not quality(read(path, mapping=mapping | {"stations": stations("yzwx")})).doubts
+    with pytest.raises(InputError, match="by the indices of the columns"):
+        read(path, mapping=mapping | {"stations": stations("zyxw")})
+
+
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
+def test_a_resting_station_does_not_hide_the_order_of_quaternions(order: str) -> None:
+    from scipy.spatial.transform import Rotation
+
+    from pliant.preprocessing.quaternion_order import shown_order
+
+    phase = np.linspace(0.0, 6.0, 200)
+    turned = Rotation.from_rotvec(np.stack([0.4 * np.sin(2 * phase), 0.6 * np.sin(phase), 0 * phase], axis=1))
+    sign = np.where(np.arange(200) % 2, 1.0, -1.0)[:, None]  # q and -q are the same rotation
+    resting = np.tile([0.0, 0.0, 0.0, 1.0], (200, 1)) * sign
+    tip = turned.apply([0.0, 0.0, 0.1])
+    position = np.stack([np.zeros_like(tip), tip], axis=1)
+    quaternion = np.stack([resting, turned.as_quat()], axis=1)[..., ["xyzw".index(c) for c in order]]
+    assert shown_order(position, quaternion) == ", ".join(order)
+
+
 def test_left_handed_axes_are_stated(tmp_path: Path) -> None:
     right, left = turning(tmp_path / "r.csv", "xyzw"), turning(tmp_path / "l.csv", "xyzw", unity=True)
     mirrored = read(left, mapping={"left_handed": True})

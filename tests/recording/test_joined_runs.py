@@ -108,3 +108,85 @@ def test_a_cut_last_row_of_the_last_run_is_left_out(tmp_path: Path) -> None:
     one = pliant.read(path, mapping={"select": {"column": "run", "value": 2}})
     assert one.sizes["time"] == 199
     assert "was left out" in one.attrs["history"]
+
+
+@pytest.mark.parametrize("wrong", [
+    {100: "0.000"}, {100: "0.020"}, {60: "0.000", 130: "0.000"}, dict.fromkeys(range(100, 120), "0.000"),
+    {100 + k: f"{0.02 * k:.3f}" for k in range(20)},
+])
+def test_wrong_time_stamps_begin_no_run(tmp_path: Path, wrong: dict[int, str]) -> None:
+    lines = [f"{wrong.get(k, row.partition(',')[0])},{row.partition(',')[2]}" for k, row in enumerate(rows(20))]
+    path = written(tmp_path / "day.csv", NAMES, *lines)
+    for command in (("inspect", path), ("new", tmp_path / "s.toml", "--from", path)):
+        answer = invoke(*command)
+        assert answer.exit_code != 0
+        assert "goes back" in str(answer.exception)
+    assert not (tmp_path / "s.toml").exists()
+
+
+@pytest.mark.parametrize("jitter", [0, 3000])
+def test_a_counter_that_begins_anew_each_second_begins_no_run(tmp_path: Path, jitter: int) -> None:
+    late = np.random.default_rng(3).integers(0, jitter + 1, 200)
+    ticks = [f"{(20000 * k + late[k]) % 1000000},{row.partition(',')[2]}" for k, row in enumerate(rows(20))]
+    path = written(tmp_path / "day.csv", NAMES.replace("time [s]", "time [us]"), *ticks)
+    with pytest.raises(InputError, match="its counter may begin anew after each 1000000 us"):
+        pliant.read(path)
+
+
+def test_runs_whose_last_time_is_round_stay_runs(tmp_path: Path) -> None:
+    time = np.linspace(0.0, 60.0, 101)
+    once = [f"{t:.3f},{row.partition(',')[2]}" for t, row in zip(time, rows(20), strict=False)]
+    path = written(tmp_path / "day.csv", NAMES, *once, *once)
+    with pytest.raises(InputError, match="holds 2 runs"):
+        pliant.read(path)
+
+
+@pytest.mark.parametrize(("cut", "last"), [(0, 200), (2, 199), (30, 199)])
+def test_a_last_run_without_a_line_end_is_a_recording_of_the_draft(tmp_path: Path, cut: int, last: int) -> None:
+    path, study = restarted(tmp_path / "day.csv"), tmp_path / "s.toml"
+    path.write_text(path.read_text()[: -1 - cut])
+    drafted = invoke("new", study, "--from", path, "--length", "120mm", "--mass", "50g")
+    assert drafted.exit_code == 0, drafted.output
+    assert tomllib.loads(study.read_text())["recordings"]["day"]["select"] == {"column": "run", "values": [1, 2, 3]}
+    one = pliant.read(path, mapping={"select": {"column": "run", "value": 3}})
+    assert one.sizes["time"] == last
+    assert ("was left out" in one.attrs["history"]) == bool(cut)
+
+
+def angles(path: Path) -> Path:
+    once = [f"{0.02 * k:.2f},{0.1 * k:.2f},{0.3 * k:.2f}" for k in range(100)]
+    return written(path, "t_s,theta_deg,p_kpa", *once, *once)
+
+
+def many(path: Path) -> Path:
+    once = rows(20)[:20]
+    return written(path, NAMES, *once * 70)
+
+
+@pytest.mark.parametrize(("table", "size", "listed"), [
+    (angles, 100, "rows = [0, 100] or [100, 200]"),
+    (many, 20, "rows = [0, 20], [20, 40] ... or [1380, 1400]"),
+])
+def test_the_rows_of_a_run_are_named_where_no_draft_can_list_the_runs(tmp_path: Path, table, size, listed) -> None:
+    path, mapping = table(tmp_path / "day.csv"), tmp_path / "m.toml"
+    for command in (("inspect", path), ("new", tmp_path / "s.toml", "--from", path)):
+        answer = invoke(*command)
+        assert answer.exit_code != 0
+        assert listed in str(answer.exception)
+        assert "pliant new" not in str(answer.exception)
+    mapping.write_text(f"rows = [{size}, {2 * size}]\n")
+    shown = invoke("inspect", path, "--mapping", mapping)
+    assert shown.exit_code == 0, shown.output
+    assert f"{size} frames" in shown.output
+
+
+def test_units_below_the_names_of_each_run_are_no_rows(tmp_path: Path) -> None:
+    names = NAMES.replace("time [s]", "t").replace(" [mm]", "").replace(" [kPa]", "")
+    units = "s,mm,mm,mm,mm,mm,mm,kPa"
+    for titles in ([names, units], []):
+        path = written(tmp_path / "day.csv", names, units, *rows(20), *titles, *rows(40))
+        one = pliant.read(path, mapping={"select": {"column": "run", "value": 2}})
+        assert one.sizes["time"] == 200
+        assert bend(one) == pytest.approx(24, abs=1)
+        part = pliant.read(path, mapping={"rows": [200, 400]})
+        assert float(part["pressure"].max()) == pytest.approx(40e3)

@@ -35,14 +35,16 @@ def shown_order(position: Array, quaternion: Array) -> str:
 
 
 def spread(position: Array, quaternion: Array) -> float:
-    """Return by how much neighbours move in the axes of the stations, relative to fixed axes; infinite if the
-    directions to them hardly turn.
+    """Return by how much neighbours move in the axes of the stations that turn, relative to fixed axes; infinite if
+    the directions to them hardly turn.
     """
     from scipy.spatial.transform import Rotation
 
     own, fixed = 0.0, 0.0
     for s in range(position.shape[1]):
         known = np.isfinite(quaternion[:, s]).all(axis=1) & (np.linalg.norm(quaternion[:, s], axis=1) > 0)
+        if not turns(quaternion[known, s]):
+            continue
         for other in {s - 1, s + 1} & set(range(position.shape[1])):
             rows = known & np.isfinite(position[:, [s, other]]).all(axis=(1, 2))
             if rows.sum() < 3:
@@ -53,3 +55,11 @@ def spread(position: Array, quaternion: Array) -> float:
             own += float(Rotation.from_quat(quaternion[rows, s]).inv().apply(way).var(axis=0).sum())
             fixed += float(way.var(axis=0).sum())
     return float(np.sqrt(own / fixed)) if fixed else float("inf")
+
+
+def turns(quaternion: Array) -> bool:
+    """Return whether quaternions (T, 4) turn by more than noise; q and -q are the same rotation."""
+    if not len(quaternion):
+        return False
+    unit = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return bool((np.abs(unit @ unit[0]) < np.cos(TURNS / 2)).any())

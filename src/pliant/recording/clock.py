@@ -14,9 +14,11 @@ if TYPE_CHECKING:
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 COUNTERS = (2**16, 2**31, 2**32)  # ticks after which millis(), micros() and 16-bit timers begin again
 YEAR_2000, YEAR_2100 = 9.466848e8, 4.1025312e9  # s since 1970
+ROUND = (60, 10**3, 10**6, 10**9)  # ticks of a second or a minute, after which a counter may begin again
 SHEET_2000, SHEET_2100, DAY = 36526.0, 73051.0, 86400.0  # days since the end of 1899, as spreadsheets store dates; s
 SHORT = 5e-5  # least step of times in s: shorter ones between such numbers are fractions of a day
 SLOW, ROUNDED = 1e-3, 5e-3  # days: longest step between dates that is recognised; s: rounding of their digits
+EXACT = 0.9  # of a step: how far from a round counter the next time may be
 NEAR = 0.02  # of the counter: how close to its end and to zero a wrap lies
 
 
@@ -39,9 +41,13 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
     for i in back:
         counter = wrapped_counter(ticks[i], ticks[i + 1])
         if unit == "s" or counter is None:
+            step = np.diff(ticks)
+            full = round_counter(ticks[i], ticks[i + 1], float(np.median(step[step > 0]))) if (step > 0).any() else None
+            why = f"its counter may begin anew after each {full} {unit}: export times that go on" if full else \
+                "the logger was probably restarted"
             raise InputError(
                 f"the time in {file} goes back from {ticks[i]:.10g} to {ticks[i + 1]:.10g} {unit} at row {i + 2} of "
-                "the table: the logger was probably restarted; keep one run by rows = [first, last] in the mapping"
+                f"the table: {why}; {'or ' * bool(full)}keep one run by rows = [first, last] in the mapping"
             )
         wraps.append((int(i) + 1, counter))
     for first, counter in wraps:
@@ -55,6 +61,13 @@ def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]
 def wrapped_counter(before: float, after: float) -> int | None:
     """Return the counter of a logger that wrapped between two of its values; None if none did."""
     return next((c for c in COUNTERS if (1 - NEAR) * c <= before < c and after < NEAR * c), None)
+
+
+def round_counter(before: float, after: float, step: float) -> int | None:
+    """Return the counter of `ROUND` of which a clock of the usual step `step` may have begun anew between two of its
+    values; None if there is none. A run that was started again after such a time looks the same.
+    """
+    return next((c for c in ROUND if abs(before + step - c - after) < EXACT * step and before < c), None)
 
 
 def is_of_sheet(ticks: NDArray) -> bool:

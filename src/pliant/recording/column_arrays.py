@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 Column = int | str
 COMPONENT = re.compile(r"(?:.*(?:[\W_]|q))?([xyzw])", re.IGNORECASE)  # at the end of the name of a quaternion's column
 
+RENAMED = "yzwx"  # names, in the order x, y, z, w, of columns w, x, y, z that are named x, y, z, w
+
 
 class EulerColumns(FileMapping):
     """Columns of the three Euler angles of a station, in the order of the rotations, with their unit.
@@ -72,9 +74,9 @@ class StationColumns(FileMapping):
             raise ValueError("give either quaternion or euler, not both")
         named = [COMPONENT.fullmatch(c.partition(" [")[0]) for c in self.quaternion or [] if isinstance(c, str)]
         letters = "".join(match[1].lower() for match in named if match)
-        if sorted(letters) == sorted("xyzw") and letters != "xyzw":
+        if sorted(letters) == sorted("xyzw") and letters not in ("xyzw", RENAMED):
             raise ValueError(f"quaternion lists {', '.join(letters)}, as the names of its columns say: list them in "
-                             "the order x, y, z, w")  # fmt: skip
+                             "the order x, y, z, w or, if the names are wrong, by the indices of the columns")
         return self
 
 

@@ -143,7 +143,7 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
     lines, tidied, runs = table_lines(path, skip_lines=options.skip_lines, delimiter=options.delimiter,
                                       header=options.header)  # fmt: skip
     if options.select is None and options.rows is None:
-        refuse_several(runs, path.name)
+        refuse_several(runs, path.name, drafted=not options.angles)
     first = preamble_of(lines) if options.skip_lines is None else options.skip_lines
     above = [*tidied, f"{first} line(s) above the table of {path.name} were skipped"] \
         if first and not options.skip_lines else tidied
@@ -436,8 +436,7 @@ def trials_in_table(path: Path, mapping: Mapping[str, Any]) -> dict[str, dict[st
     options = ColumnMapping.load(mapping, path.name)
     if options.select is None and options.rows is None and RUN in first_cells(path, mapping):
         runs = table_lines(path, skip_lines=options.skip_lines, delimiter=options.delimiter, header=options.header).runs
-        return {str(k): {**mapping, "select": {"column": RUN, "value": k}} for k in range(1, runs + 1)} \
-            if runs > 1 else {}  # fmt: skip
+        return {str(k): {**mapping, "select": {"column": RUN, "value": k}} for k in range(1, len(runs) + 1)}
     if options.select is None or options.select.value is not None:
         return {}
     column = options.select.column

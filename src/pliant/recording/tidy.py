@@ -42,13 +42,13 @@ SUMMARIES = {"mean", "average", "avg", "std", "stdev", "std dev", "sd", "min", "
 
 
 class TableText(NamedTuple):
-    """Lines of a table, sentences for the history on what was changed in them, and the number of runs below each
-    other, which the column `RUN` numbers if there are several.
+    """Lines of a table, sentences for the history on what was changed in them, and the number of rows of each of
+    several runs below each other, which the column `RUN` numbers.
     """
 
     lines: list[str]
     notes: list[str]
-    runs: int = 1
+    runs: tuple[int, ...] = ()
 
 
 def table_lines(

@@ -115,8 +115,6 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
     metadata, start = _metadata(path, lines)
     metadata = {key: value for key, value in (metadata | dict(mapping or {})).items() if value is not None}
     metadata = TableMetadata.load(metadata, path.name, "metadata of").model_dump(exclude_unset=True)
-    if not isinstance(metadata.get("rows"), tuple):
-        refuse_several(runs, path.name)
     delimiter = find_delimiter(lines[start], path.name)
     lines, united = with_units(lines, start, delimiter, path.name)
     cells = split_cells(lines[start], delimiter)
@@ -127,6 +125,8 @@ def read_wide_csv(path: Path, mapping: Mapping[str, Any] | None = None) -> Readi
     if fraction := None if set(CLOCKS) & set(names) else parted_clock(names):
         names[fraction.seconds] = "t"
     _check_names(names, cells, path.name)
+    if not isinstance(metadata.get("rows"), tuple):
+        refuse_several(runs, path.name, drafted=any(name.startswith("x_") for name in names))
     refuse_pixels(unit, path.name)
     if unit and metadata.setdefault("length_unit", unit) != unit:
         raise InputError(f"{path.name}: the column names state {unit}, but length_unit is "

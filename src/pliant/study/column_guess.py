@@ -21,7 +21,7 @@ from pliant.preprocessing.quaternion_order import ORDERS, shown_order
 from pliant.recording.clock import SECONDS
 from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, parted_clock, unit_of, words_of
 from pliant.recording.inclination import hanging
-from pliant.recording.joined_runs import TRIAL
+from pliant.recording.joined_runs import LONGEST, TRIAL
 from pliant.recording.registry import describes_columns
 from pliant.study.input_guess import input_entries, pressure_question
 from pliant.study.long_tables import refuse_long
@@ -45,7 +45,6 @@ SLOW = 10  # least constant whole step of times that may be seconds as well, as 
 RIGID = 0.3  # fraction by which the distance of neighbours on one body may change
 INPUTS = ("pressure", "inputs", "linear")  # entries of a mapping that name the inputs and convert their values
 SCALES = ("camera", "length_unit")  # a mapping states one of them
-LONGEST = 60  # trials of one table that a draft lists
 
 
 @dataclass(frozen=True)

@@ -76,8 +76,8 @@ def quaternions(case: Case) -> str:
     order = shown_order(recording["position"].values, recording["quaternion"].values)
     if not order or order == "x, y, z, w":
         return ""
-    remedy = "list their columns in the order x, y, z, w in the mapping" if order != INVERSE else \
-        "export the orientation of the body in the tracker's axes"
+    remedy = "export the orientation of the body in the tracker's axes" if order == INVERSE else \
+        "list their columns in the order x, y, z, w in the mapping, whatever their names say"
     return f"the orientations fit the positions only if they are read as {order}: {remedy}"
 
 
