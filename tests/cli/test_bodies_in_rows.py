@@ -62,3 +62,52 @@ def test_a_reading_that_changes_beside_one_body_names_no_bodies(tmp_path: Path, 
     path = tmp_path / "a.csv"
     path.write_text("\n".join([f"time,x [mm],y [mm],z [mm],pressure [kPa],{name}", *rows]) + "\n")
     assert invoke("inspect", path).exit_code == 0
+
+
+def one_body(path: Path, name: str, labels: list[str], *, staircase: bool = False) -> Path:
+    """A table of one body whose rows are frames, beside a column `name`; without a header if `name` is empty."""
+    time, pressure, _, tip = bending()
+    steps = np.repeat(np.arange(len(time) // 10), 10) if staircase else pressure
+    rows = [",".join([f"{t:.3f}", label, *(f"{1e3 * v:.3f}" for v in place), f"{p:.2f}"])
+            for t, label, place, p in zip(time, labels, tip, steps, strict=True)]  # fmt: skip
+    path.write_text("\n".join([*([f"time,{name},x [mm],y [mm],z [mm],pressure [kPa]"] if name else []), *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("name", ["track", "body", "marker", "tool", "port", "no"])
+@pytest.mark.parametrize("kind", ["blocks", "in turn", "count"])
+def test_numbers_beside_one_body_whose_times_rise_name_no_bodies(tmp_path: Path, name: str, kind: str) -> None:
+    count = len(bending()[0])
+    numbers = {"blocks": [1 + (k > count // 3) for k in range(count)], "in turn": [1 + k % 2 for k in range(count)],
+               "count": [k % 10 for k in range(count)]}[kind]  # fmt: skip
+    done = invoke("inspect", one_body(tmp_path / "a.csv", name, [str(n) for n in numbers]))
+    assert done.exit_code == 0, done.exception
+    assert f"{count} frames of 1 station(s)" in done.output
+
+
+@pytest.mark.parametrize("labels", ["one", "several"])
+def test_texts_beside_one_body_on_a_staircase_name_no_bodies(tmp_path: Path, labels: str) -> None:
+    count = len(bending()[0])
+    texts = ["hold" if labels == "one" or k % 7 < 4 else "move" for k in range(count)]
+    path = one_body(tmp_path / "a.csv", "label", texts, staircase=True)
+    assert invoke("inspect", path).exit_code == 0
+
+
+def test_a_number_in_turn_beside_one_body_without_names_names_no_bodies(tmp_path: Path) -> None:
+    path = one_body(tmp_path / "a.csv", "", [str(k % 2) for k in range(len(bending()[0]))])
+    assert "several bodies" not in str(invoke("inspect", path).exception)
+
+
+def test_the_remedy_names_a_text_of_the_column(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", label="marker", texts=True, blocks=True)
+    path.write_text(path.read_text().replace("tip,", "end's,"))
+    refused = invoke("inspect", path)
+    assert 'select = { column = "marker", value = "end\'s" }' in str(refused.exception)
+
+
+def test_texts_that_share_times_in_any_order_name_bodies(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", label="marker", texts=True)
+    head, *rows = path.read_text().splitlines()
+    pairs = [rows[k : k + 2][:: 1 if k % 4 else -1] for k in range(0, len(rows), 2)]
+    path.write_text("\n".join([head, *(row for pair in pairs for row in pair)]) + "\n")
+    assert "holds one of several bodies" in str(invoke("inspect", path).exception)

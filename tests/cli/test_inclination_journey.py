@@ -101,3 +101,32 @@ def test_a_study_of_inclinations_ends_in_a_model_that_a_filter_uses(tmp_path: Pa
     with xr.open_dataset(tmp_path / "states.nc") as states:
         off = np.linalg.norm(states.tip_position.values[10:, -1] - tip[10:], axis=1)
     assert off.max() < 1.5e-3 < 0.05 * np.ptp(tip[:, 1])
+
+
+def sensed(path: Path, angles: dict[str, np.ndarray]) -> Path:
+    """A table of accelerometers that turn by these angles (T,) [rad] in one plane, with noise of 0.02 m/s^2."""
+    time, noise = np.arange(0.0, 6.0, 0.02), np.random.default_rng(3)
+    columns = {"t_s": time, "p_kpa": 20.0 - 20.0 * np.cos(3.0 * time)}
+    for name, angle in angles.items():
+        parts = np.column_stack([np.sin(angle), 0.0 * angle, np.cos(angle)])
+        acceleration = 9.81 * parts + noise.normal(0.0, 0.02, parts.shape)
+        columns |= {f"{name}_a{axis}": acceleration[:, k] for k, axis in enumerate("xyz")}
+    rows = [",".join(f"{v:.5f}" for v in row) for row in np.column_stack([*columns.values()])]
+    path.write_text("\n".join([",".join(columns), *rows]) + "\n")
+    return path
+
+
+def test_a_sensor_at_rest_on_the_base_leaves_the_body_in_its_plane(tmp_path: Path) -> None:
+    turned = 0.6 * np.sin(3.0 * np.arange(0.0, 6.0, 0.02))
+    path = sensed(tmp_path / "a.csv", {"base": 0.0 * turned, "mid": turned / 2, "tip": turned})
+    done = invoke("inspect", path)
+    assert done.exit_code == 0, done.output
+    assert "become angles in one plane" in " ".join(done.output.split())
+    assert "leaves" not in done.output
+
+
+def test_a_sensor_without_values_is_named(tmp_path: Path) -> None:
+    turned = 0.6 * np.sin(3.0 * np.arange(0.0, 6.0, 0.02))
+    done = invoke("inspect", sensed(tmp_path / "a.csv", {"mid": np.nan * turned, "tip": turned}))
+    assert done.exit_code != 0
+    assert "mid has no acceleration or orientation in any frame: leave it out" in str(done.exception)

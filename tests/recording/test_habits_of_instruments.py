@@ -224,3 +224,54 @@ def test_tools_of_an_aurora(tmp_path: Path) -> None:
     assert recording["station"].values.tolist() == ["tool_1", "tool_2"]
     same(recording.assign_coords(station=["base", "tip"]), lost=3)
     assert recording["quaternion"].values[0, 1] == pytest.approx([0.0, 0.6, 0.0, 0.8])
+
+
+@pytest.mark.parametrize("timed", [False, True])
+@pytest.mark.parametrize("end", ["blank cells", "blank cells and a tab", "no cells"])
+def test_gaps_of_the_last_marker_of_qualisys(tmp_path: Path, timed: bool, end: str) -> None:
+    rows = [f"{k + 1}\t{k / 100:.5f}\t{row}" if timed else row for k, row in enumerate(lines_of(places(), "\t"))]
+    for k in range(20, 24):
+        shown = rows[k].split("\t")[:-3]
+        rows[k] = "\t".join(shown if end == "no cells" else [*shown, "", "", ""])
+    rows = [f"{row}\t" for row in rows] if end.endswith("tab") else rows
+    head = ["Frame\tTime\t" + "\t".join(f"{name} {axis}" for name in ("base", "tip") for axis in "XYZ")] * timed
+    recording = read(written(tmp_path / "a.tsv", *QUALISYS, *head, *rows))
+    same(recording, lost=4)
+    assert recording["time"].values == pytest.approx(np.arange(60) / 100, abs=1e-6)
+    assert ("4 row(s) of a.tsv end before their last marker" in recording.attrs["history"]) == (end == "no cells")
+
+
+def test_rows_of_qualisys_with_too_many_values_or_of_bodies_are_refused(tmp_path: Path) -> None:
+    from pliant.errors import InputError
+
+    rows = lines_of(places(), "\t")
+    with pytest.raises(InputError, match=r"row 4 below the header of a\.tsv holds more than 6 values"):
+        read(written(tmp_path / "a.tsv", *QUALISYS, *rows[:3], f"{rows[3]}\t5.0", *rows[4:]))
+    header = [*QUALISYS[:2], "NO_OF_BODIES\t1", "FREQUENCY\t100", "BODY_NAMES\ttip", "tip X\ttip Y\ttip Z"]
+    with pytest.raises(InputError, match=r"poses of rigid bodies \(6DOF\), not of markers"):
+        read(written(tmp_path / "b.tsv", *header, *rows))
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_trajectories_of_vicon_with_velocities_and_other_delimiters(tmp_path: Path, delimiter: str) -> None:
+    block = ["Trajectories", "100", ',,"arm:base",,,,,,arm:tip,,,,,', "Frame,Sub Frame" + ",X,Y,Z,X',Y',Z'" * 2,
+             "," + ",mm,mm,mm,mm/s,mm/s,mm/s" * 2]  # fmt: skip
+    for k, place in enumerate(places()):
+        cells = [f"{v:.3f}" for v in (*place[:3], 1.0, 2.0, 3.0, *place[3:], 4.0, 5.0, 6.0)]
+        block.append(",".join([str(k + 41), "0", *cells]))
+    lines = [line.replace(",", delimiter) for line in block]
+    same(read(written(tmp_path / "a.csv", *lines)))
+    if delimiter == ";":
+        same(read(written(tmp_path / "b.csv", *lines[:5], *(line.replace(".", ",") for line in lines[5:]))))
+
+
+def test_a_title_of_vicon_alone_is_refused_and_a_column_of_that_name_is_read(tmp_path: Path) -> None:
+    from pliant.errors import InputError
+
+    for text in (["Trajectories"], ["Trajectories,,", "100,,"]):
+        with pytest.raises(InputError, match="fewer than 2 rows of trajectories"):
+            read(written(tmp_path / "a.csv", *text))
+    rows = [f"1,{k / 100:.2f},{row}" for k, row in enumerate(lines_of(places(), ","))]
+    names = [f"{name}_{axis} [mm]" for name in ("base", "tip") for axis in "xyz"]
+    for title in ("Joints", "Segments", "Devices"):
+        same(read(written(tmp_path / "b.csv", ",".join([title, "t_s", *names]), *rows)))

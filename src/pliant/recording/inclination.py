@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 LEAST_TURN = 0.01  # rad: below this an axis of rotation cannot be found
 MOST_ASIDE = 0.15  # fraction of the rotation about other axes above which the history warns
 FIRST = 20  # frames in which a body is taken to be at rest
+STILL = 0.1  # of the largest rotation of a sensor: one that turns less, such as at the base, shows no plane
 SHAKEN = 0.1  # relative change of the measured gravity above which the history warns
 UP = np.array([0.0, 0.0, 1.0])  # of the fixed axes in which sensors state their orientation
 
@@ -111,7 +112,7 @@ def _down(values: NDArray, measures: str, name: str, file: str) -> tuple[NDArray
     """Return the direction of gravity (T, 3) in the axes of a sensor, NaN for gaps, and sentences for the history."""
     from scipy.spatial.transform import Rotation
 
-    known = np.isfinite(values).all(axis=1) & (np.linalg.norm(values, axis=1) > 0)
+    known = _known(values)
     _need_values(known, name, file)
     down = np.full((len(values), 3), np.nan)
     if values.shape[1] == 4:
@@ -139,14 +140,19 @@ def _shaken(acceleration: NDArray, name: str) -> list[str]:
 
 def hanging(sensors: Mapping[str, NDArray], file: str) -> dict[str, Any]:
     """Return the entries `down` and `axes` of `InclinationMapping` for sensors (T, 3) or (T, 4) on a body that leaves a
-    plane, as if it hung in the first frames; empty if it stays in a plane. The axis of a sensor nearest to gravity then
-    points along its link, and its other axes keep their order.
+    plane, as if it hung in the first frames; empty if it stays in a plane, or a sensor has no value. The axis of a
+    sensor nearest to gravity then points along its link, and its other axes keep their order.
     """
-    with suppress(InputError):
-        planar = all((_from_gravity if values.shape[1] == 3 else _from_orientation)(values, name, file)[1] <= MOST_ASIDE
-                     for name, values in sensors.items())  # fmt: skip
-        if planar:
+    turns = {}  # of each sensor that turns: the range of its angle, and the fraction about other axes
+    for name, values in sensors.items():
+        if not _known(values).any():
             return {}
+        with suppress(InputError):
+            angle, aside = _turn(values, name, file)
+            turns[name] = float(np.nanmax(angle) - np.nanmin(angle)), aside
+    largest = max((turned for turned, _ in turns.values()), default=0.0)
+    if not any(aside > MOST_ASIDE for turned, aside in turns.values() if turned > STILL * largest):
+        return {}
     axes = {}
     for name, values in sensors.items():
         down, _ = _down(values, "acceleration", name, file)
@@ -178,20 +184,19 @@ def turning_angles(sensors: Mapping[str, NDArray], file: str) -> tuple[NDArray, 
     InputError
         When a sensor has no value, or measures gravity and turns about the vertical.
     """
-    columns, history = [], []
-    for name, values in sensors.items():
-        by_gravity = values.shape[1] == 3
-        angle, aside = _from_gravity(values, name, file) if by_gravity else _from_orientation(values, name, file)
-        columns.append(angle)
+    history, motions = [], {name: _turn(values, name, file) for name, values in sensors.items()}
+    angles = np.column_stack([angle for angle, _ in motions.values()])
+    turned = np.nanmax(angles, axis=0) - np.nanmin(angles, axis=0)
+    for s, (name, (_, aside)) in enumerate(motions.items()):
+        by_gravity = sensors[name].shape[1] == 3
         source = "direction of gravity" if by_gravity else "orientation"
         history.append(f"angle of {clipped(name, 40)} in the plane of its motion, from its {source}, 0 in its first "
                        "frame")  # fmt: skip
-        if aside > MOST_ASIDE:
+        if aside > MOST_ASIDE and turned[s] > STILL * turned.max():
             history.append(f"{WARNING}{100 * aside:.0f} % of the rotation of {clipped(name, 40)} is about other axes "
                            "and is left out: the body leaves a plane; for a body in space, state down and axes in a "
                            "table [inclination] of its mapping")  # fmt: skip
-        history += _shaken(values, name) if by_gravity else []
-    angles = np.column_stack(columns)
+        history += _shaken(sensors[name], name) if by_gravity else []
     for s in range(angles.shape[1] - 1):
         both = np.isfinite(angles[:, s]) & np.isfinite(angles[:, -1])
         if angles[both, s] @ angles[both, -1] < 0:
@@ -199,11 +204,16 @@ def turning_angles(sensors: Mapping[str, NDArray], file: str) -> tuple[NDArray, 
     return angles, history
 
 
+def _turn(values: NDArray, name: str, file: str) -> tuple[NDArray, float]:
+    """Return the angle (T,) [rad] of a sensor (T, 3) or (T, 4), and the fraction of its rotation about other axes."""
+    return (_from_gravity if values.shape[1] == 3 else _from_orientation)(values, name, file)
+
+
 def _from_gravity(values: NDArray, name: str, file: str) -> tuple[NDArray, float]:
     """Return the angle (T,) [rad] of a sensor from the gravity (T, 3) in its axes, and the fraction of the turning of
     gravity that is out of its plane.
     """
-    known = np.isfinite(values).all(axis=1) & (np.linalg.norm(values, axis=1) > 0)
+    known = _known(values)
     _need_values(known, name, file)
     unit = values[known] / np.linalg.norm(values[known], axis=1)[:, None]
     middle = unit.mean(axis=0)
@@ -223,7 +233,7 @@ def _from_orientation(values: NDArray, name: str, file: str) -> tuple[NDArray, f
     """
     from scipy.spatial.transform import Rotation
 
-    known = np.isfinite(values).all(axis=1) & (np.linalg.norm(values, axis=1) > 0)
+    known = _known(values)
     _need_values(known, name, file)
     turns = Rotation.from_quat(values[known])
     vector = (turns * turns[0].inv()).as_rotvec()
@@ -233,6 +243,11 @@ def _from_orientation(values: NDArray, name: str, file: str) -> tuple[NDArray, f
     quaternion = (turns * turns[0].inv()).as_quat()
     turned = np.unwrap(2.0 * np.arctan2(quaternion[:, :3] @ axes[0], quaternion[:, 3]))
     return _upwards(turned, known), float(size[1] / size[0])
+
+
+def _known(values: NDArray) -> NDArray:
+    """Return a mask (T,) of the frames in which a sensor (T, 3) or (T, 4) states a direction."""
+    return np.isfinite(values).all(axis=1) & (np.linalg.norm(values, axis=1) > 0)
 
 
 def _need_values(known: NDArray, name: str, file: str) -> None:

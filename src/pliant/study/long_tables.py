@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 
 import numpy as np
 
 from pliant.errors import InputError, shown
-from pliant.recording.column_names import words_of
+from pliant.recording.column_names import is_time, words_of
 from pliant.study.table_columns import PlainTable, axis_of
 
 Array = np.ndarray
 BODIES = {"sensor", "marker", "body", "bodypart", "station", "track", "tid", "object", "point", "label", "tool", "coil",
           "receiver", "target", "subject", "particle", "segment", "port", "name", "id", "number", "no"}  # fmt: skip
 TRACKED = {"track", "tid", "marker", "body", "bodypart", "particle", "coil", "tool"}  # whose rows may follow in blocks
+FRAMES = {"frame", "frames", "sample", "index"}  # words of columns that count rows or times
 MOST_BODIES = 64
 IN_TURN = 0.95  # fraction of rows in which bodies follow in turn
+JUMP = 2.0  # change of place from body to body, relative to that of one body, above which there are several
 
 
 def refuse_long(table: PlainTable, file: str) -> None:
@@ -23,17 +26,20 @@ def refuse_long(table: PlainTable, file: str) -> None:
     if (column := body_column(table)) is None:
         return
     name = table.names[column] if table.names else column
-    value: object = int(table.values[0, column]) if np.isfinite(table.values[0, column]) else "tip"
-    chosen = f'"{name}"' if table.names else str(name)
+    value = str(table.texts[column][-1]) if column in table.texts else int(table.values[0, column])
+    entry = f"select = {{ column = {json.dumps(name)}, value = {json.dumps(value, ensure_ascii=False)} }}"
     raise InputError(f"each row of {file} holds one of several bodies, which the column {shown(name)} names: write one "
                      "row for each time, with columns for each body, such as base_x and tip_x; one body alone is read "
-                     f"by a mapping with select = {{ column = {chosen}, value = {value!r} }}".replace("'", '"'))
+                     f"by a mapping with {entry}")
 
 
 def body_column(table: PlainTable) -> int | None:
     """Return the column that names the body of each row; None if the rows are frames."""
+    columns = range(table.values.shape[1])
     if not table.names:
-        return next((k for k in range(min(2, table.values.shape[1])) if in_turn(table.values[:, k])), None)
+        clocks = [k for k in columns[:2] if rises(table.values[:, k])]
+        return next((k for k in columns[:2] if in_turn(table.values[:, k])
+                     and (not clocks or jumps(table, columns[k + 1 :], table.values[:, k]))), None)  # fmt: skip
     axes = [axis_of(words_of(name)) for name in table.names]
     if max(axes.count("x"), axes.count("y")) != 1:
         return None
@@ -41,28 +47,52 @@ def body_column(table: PlainTable) -> int | None:
 
 
 def is_body(table: PlainTable, k: int, words: Sequence[str]) -> bool:
-    """Return whether a column k, whose name has these words, names the body of each row."""
+    """Return whether a column k, whose name has these words, names the body of each row.
+
+    In a table whose times rise from row to row, its rows follow in turn and the place jumps from body to body. Else
+    they may follow in blocks, between which the time goes back, or share times.
+    """
     if not words or not set(words) <= BODIES:
         return False
-    values = table.values[:, k]
-    if np.isnan(values).all():  # texts
-        return repeated_times(table)
-    if not table.whole(k) or not 1 < len(np.unique(values[np.isfinite(values)])) <= MOST_BODIES:
+    values = np.unique(table.texts[k], return_inverse=True)[1] if k in table.texts else table.values[:, k]
+    known = np.isfinite(values)
+    bodies = np.unique(values[known])
+    if not 1 < len(bodies) <= MOST_BODIES or (bodies != np.rint(bodies)).any():
         return False
-    blocks = np.count_nonzero(np.diff(values)) + 1 == len(np.unique(values))
-    return in_turn(values) or (blocks and bool(set(words) & TRACKED))
+    clocks = [table.values[:, c] for c, name in enumerate(table.names)
+              if c != k and (is_time(name) or c in table.of_day or FRAMES & set(words_of(name)))]  # fmt: skip
+    borders = np.diff(values) != 0
+    if np.count_nonzero(borders) + 1 == len(bodies):
+        back = [(np.diff(clock)[borders] < 0).any() for clock in clocks]
+        return bool(set(words) & TRACKED) and (any(back) or not clocks)
+    if clocks and all(rises(clock) for clock in clocks):
+        places = [c for c, name in enumerate(table.names) if axis_of(words_of(name)) in ("x", "y", "z")]
+        return in_turn(values) and jumps(table, places, values)
+    return in_turn(values) or (k in table.texts and any(share_times(clock, values) for clock in clocks))
 
 
-def repeated_times(table: PlainTable) -> bool:
-    """Return whether the rows of a table are in groups of one size, each with one time or number of a frame."""
-    for k in range(table.values.shape[1]):
-        step = np.diff(table.values[:, k])
-        if not (step >= 0).all() or not step.any():
-            continue
-        sizes = np.diff(np.flatnonzero(np.concatenate([[1.0], step, [1.0]])))
-        if np.median(sizes) >= 2 and np.mean(sizes == np.median(sizes)) > IN_TURN:
-            return True
-    return False
+def rises(clock: Array) -> bool:
+    """Return whether times (T,) rise from each row to the next."""
+    return bool((np.diff(clock[np.isfinite(clock)]) > 0).all())
+
+
+def jumps(table: PlainTable, columns: Sequence[int], bodies: Array) -> bool:
+    """Return whether a column changes more from row to row than between the rows of a body, which follow in turn."""
+    apart = len(np.unique(bodies))
+    values = table.values[:, list(columns)]
+    near, far = np.abs(np.diff(values, axis=0)), np.abs(values[apart:] - values[:-apart])
+    return bool(any(np.nansum(near[apart - 1 :, c]) > JUMP * np.nansum(far[:, c]) for c in range(len(columns))))
+
+
+def share_times(clock: Array, bodies: Array) -> bool:
+    """Return whether rows are in groups of one size, each with one time and with different bodies (T,)."""
+    step = np.diff(clock)
+    if not (step >= 0).all() or not step.any() or step.all():
+        return False
+    sizes = np.diff(np.flatnonzero(np.concatenate([[1.0], step, [1.0]])))
+    usual = np.median(sizes)
+    alike = np.mean(np.diff(bodies)[step == 0] == 0)
+    return bool(usual >= 2 and np.mean(sizes == usual) > IN_TURN and alike < 1 - IN_TURN)
 
 
 def in_turn(values: Array) -> bool:

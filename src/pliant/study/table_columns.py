@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.cells import ends_alike, is_time_of_day, with_seconds, with_states, without_trailing
+from pliant.recording.cells import cells_of, ends_alike, is_time_of_day, with_seconds, with_states, without_trailing
 from pliant.recording.column_names import base_to_tip, is_no_place, standard_names, stations_of, words_of
 from pliant.recording.tables import (
     DELIMITERS,
@@ -36,14 +36,15 @@ SENSED = (re.compile(rf"(?:(?P<owner>.+?)_)?(?:imu_)?{SENSOR}(?:_m_s_?2?)?"),
 
 @dataclass(frozen=True)
 class PlainTable:
-    """Numbers (T, C) of a text table, the names of its columns ([] without a header), its delimiter, and the columns
-    that hold times of day.
+    """Numbers (T, C) of a text table, the names of its columns ([] without a header), its delimiter, the columns that
+    hold times of day, and the texts (T,) of the columns without numbers.
     """
 
     names: list[str]
     values: Array
     delimiter: str
     of_day: frozenset[int] = frozenset()
+    texts: Mapping[int, Array] = field(default_factory=dict)
 
     def changes(self, k: int) -> bool:
         """Return whether column k changes."""
@@ -74,9 +75,10 @@ def plain_table(path: Path) -> PlainTable | None:
     for k in of_day:
         rows, _ = with_seconds(rows, delimiter, k, path.name)
     rows = with_states(rows, delimiter, range(len(first)))[0]
-    rows = without_text(rows, delimiter, (), len(first)) if names else rows
-    values = parse_numbers(rows, name=path.name, first_line=1, delimiter=delimiter, columns=len(first))
-    return PlainTable(names, values, delimiter or "space", frozenset(of_day))
+    numbers = without_text(rows, delimiter, (), len(first)) if names else rows
+    values = parse_numbers(numbers, name=path.name, first_line=1, delimiter=delimiter, columns=len(first))
+    texts = cells_of(rows, delimiter, np.flatnonzero(np.isnan(values).all(axis=0)).tolist())
+    return PlainTable(names, values, delimiter or "space", frozenset(of_day), texts)
 
 
 def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
