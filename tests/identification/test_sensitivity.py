@@ -183,7 +183,7 @@ def test_all_records_share_the_models_that_derivatives_ask_for(
     truth: Model, pulse: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[Model] = []
-    monkeypatch.setattr(plans, "apply", lambda model, values: made.append(model) or apply(model, values))
+    monkeypatch.setattr(plans, "apply", lambda model, *values: made.append(model) or apply(model, *values))
     edges = {"a.start": 0.1234, "a.stop": 0.6012, "b.start": 0.1234, "b.stop": 0.6012}
     free = [Parameter(n, v) for n, v in {**edges, "stiffness": 0.9, "damping": 6e-3}.items()]
     problem = Problem([pulse(truth, "a"), pulse(truth, "b")], truth, free, STEP, "travel")
