@@ -32,7 +32,8 @@ class Predicted:
             work=SimpleNamespace(tau=np.zeros(n)),
         )
         self.joints = SimpleNamespace(K=np.array([2.0, 4.0, 5.0])[:turns], theta0=np.array([0.1, 0.2, 0.3])[:turns],
-                                      hardening=np.zeros((2, turns)), unloaded=np.zeros(turns))  # fmt: skip
+                                      hardening=np.zeros((2, turns)), unloaded=np.zeros(turns),
+                                      spin=np.zeros(1))  # fmt: skip
 
         def step_jacobian(phi, w, h, tau, body, springs, slopes):
             self.asked.update(tau=tau.copy(), theta0=springs.theta0.copy(), body=body)
