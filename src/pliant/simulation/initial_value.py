@@ -160,7 +160,8 @@ def march(
     """
     chain = mechanics_of(model).with_own_base() if len(plan.base) else mechanics_of(model)
     check_lengths(chain, x=start[0], v=start[1], torque=plan.gain)
-    states = state.relaxed(model, chain.joint_coordinates(start[0])) if states is None else states
+    if states is None:
+        states = state.relaxed(model, chain.joint_coordinates(start[0])) if model.memory else np.zeros((model.n, 0))
     past = chain.past(states.copy())
     out = march_loops.rows_for(rows, model.size, states.shape, 2 + len(past))
     out.phi[0], out.w[0], out.state[0] = *start, states
