@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pliant.cli.reading import (
-    BASE,
-    BASE_CUTOFF,
-    BASE_MAPPING,
     DRIVE,
     LEVELS,
     MAPPING,
+    BaseCutoff,
+    BaseFile,
+    BaseMapping,
     base_motion,
     drives,
     levels,
@@ -58,14 +58,9 @@ def estimate(
     latency_ms: Annotated[float, typer.Option("--latency-ms", parser=in_unit("ms"),
                                               help="Delay of the shape's time stamps, ms.")] = 0.0,
     lag: Annotated[int, typer.Option(help="Lag of the smoother, frames.")] = 10,
-    base: Annotated[Path | None, typer.Option(help=BASE)] = None,
-    base_mapping: Annotated[
-        list[str] | None, typer.Option("--base-mapping", metavar="<path>", help=BASE_MAPPING)
-    ] = None,
-    base_cutoff_hz: Annotated[
-        float | None,
-        typer.Option("--base-cutoff-hz", parser=in_unit("Hz"), help=BASE_CUTOFF, show_default="none"),
-    ] = None,
+    base: BaseFile = None,
+    base_mapping: BaseMapping = None,
+    base_cutoff_hz: BaseCutoff = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="States and their covariances (.nc).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of angles, rates and innovations.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pliant.cli.terminal import busy
+import typer
+
+from pliant.cli.terminal import busy, in_unit
 from pliant.errors import InputError
 from pliant.files import read_entries
 from pliant.units import inputs_word, number_in, shown_in
@@ -22,10 +24,17 @@ LEVELS = "kPa gauge, or N, mm or rad of a tendon; for several inputs one each, a
 MAPPING = "TOML file with columns, units and format. For several kinds of files: NAME=FILE each, NAME in their names."
 DRIVE = "For several inputs: which recorded input drives which, as left=p1,right=p2; default: by equal names."
 
-BASE = ("Motion of the base: poses over time, such as t_s, x_m, y_m, angle_deg, or t_s, x_m, y_m, z_m, qx, qy, qz, qw "
-        "in space; relative to the first pose.")
-BASE_MAPPING = "TOML file with columns and units of --base."
-BASE_CUTOFF = "Frequency of which half passes the smoothing of noisy poses, Hz."
+BaseFile = Annotated[Path | None, typer.Option(
+    "--base", help="Motion of the base: poses over time, such as t_s, x_m, y_m, angle_deg, or t_s, x_m, y_m, z_m, qx, "
+                   "qy, qz, qw in space; relative to the first pose.",
+)]  # fmt: skip
+BaseMapping = Annotated[list[str] | None, typer.Option(
+    "--base-mapping", metavar="<path>", help="TOML file with columns and units of --base.",
+)]  # fmt: skip
+BaseCutoff = Annotated[float | None, typer.Option(
+    "--base-cutoff-hz", parser=in_unit("Hz"), show_default="none",
+    help="Frequency of which half passes the smoothing of noisy poses, Hz.",
+)]  # fmt: skip
 
 
 def base_motion(path: Path | None, model: Model, mapping: list[str] | None, cutoff: float | None) -> BaseMotion | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pliant.cli.reading import BASE, BASE_CUTOFF, BASE_MAPPING, DRIVE, LEVELS, base_motion, drives, levels, vector
+from pliant.cli.reading import DRIVE, LEVELS, BaseCutoff, BaseFile, BaseMapping, base_motion, drives, levels, vector
 from pliant.cli.terminal import in_unit
 from pliant.errors import InputError
 
@@ -44,14 +44,9 @@ def simulate(
         float, typer.Option("--load-g", parser=in_unit("g"),
                             help="Mass attached to the tip, g; it has weight if the model has gravity.")
     ] = 0.0,
-    base: Annotated[Path | None, typer.Option(help=BASE)] = None,
-    base_mapping: Annotated[
-        list[str] | None, typer.Option("--base-mapping", metavar="<path>", help=BASE_MAPPING)
-    ] = None,
-    base_cutoff_hz: Annotated[
-        float | None,
-        typer.Option("--base-cutoff-hz", parser=in_unit("Hz"), help=BASE_CUTOFF, show_default="none"),
-    ] = None,
+    base: BaseFile = None,
+    base_mapping: BaseMapping = None,
+    base_cutoff_hz: BaseCutoff = None,
     force: Annotated[
         str,
         typer.Option(help="Force FX,FY[,FZ][@POINT] in N during the pulse, on an observed point (default: the last)."),
