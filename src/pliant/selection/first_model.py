@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,6 +89,27 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
     return fitted(setting, parent.model, parameters, prior_weight=parent.problem.size)
 
 
+class GainPrior(NamedTuple):
+    """The prior of a gain, as fields of its `Parameter`: mean and standard deviation (SI), and where they are from."""
+
+    prior: float
+    prior_std: float
+    source: str
+
+
+def gain_prior(kind: tuple[str, ...], shown: Mapping[str, Sequence[float]]) -> GainPrior:
+    """Return the prior of gains of a `kind` that the recordings do not determine, from the values `shown` by input that
+    they determine: of one sign, about their mean; else about zero, with the size of the largest.
+    """
+    if kind == OF_ONE_SIGN:
+        mean, scatter = float(np.mean(list(shown.values()))), float(np.std(list(shown.values())))
+        return GainPrior(mean, max(scatter, LEAST_SCATTER * abs(mean)),
+                         f"not determined; a prior from the gains of {', '.join(shown)}")  # fmt: skip
+    largest = max(shown, key=lambda owner: float(np.linalg.norm(shown[owner])))
+    size = float(np.linalg.norm(shown[largest]))
+    return GainPrior(0.0, size, f"not determined; a prior of the size that {largest} shows")
+
+
 def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
     """Return a fit in which the gains of inputs that the recordings do not determine rest on a prior: zero, with the
     size of the largest gain that they determine; for axial gains, which have one sign, the mean of the gains that they
@@ -95,7 +117,7 @@ def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
     moves, which therefore counts as not determined, however small its standard error; the less it moves, the closer the
     prior.
     """
-    priors: dict[str, tuple[float, float, str]] = {}
+    priors: dict[str, GainPrior] = {}
     still = hardly_moving(parent.model, setting.experiments)
     for kind in ALIKE:
         values, doubts = dict[str, list[float]](), dict[str, float]()
@@ -109,33 +131,20 @@ def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
         sizes = {owner: float(np.linalg.norm(v)) for owner, v in values.items()}
         vague = [owner for owner, size in sizes.items() if doubts[owner] > DETERMINED * size]
         shown = [owner for owner in sizes if owner not in vague]
-        if not shown:
-            continue
-        if kind == OF_ONE_SIGN:
-            sure = np.array([values[owner] for owner in shown])
-            mean, scatter = float(sure.mean()), max(float(sure.std()), LEAST_SCATTER * abs(float(sure.mean())))
-            prior = mean, scatter, f"not determined; a prior of what {', '.join(shown)} show"
-        else:
-            largest = max(shown, key=lambda owner: sizes[owner])
-            prior = 0.0, sizes[largest], f"not determined; a prior of the size that {largest} shows"
-        mean, scatter, source = prior
-        priors |= {f"{owner}.{parameter}": (mean, still.get(owner, 1.0) * scatter, source)
-                   for owner in vague for parameter in kind}  # fmt: skip
+        if shown:
+            prior = gain_prior(kind, {owner: values[owner] for owner in shown})
+            priors |= {f"{owner}.{parameter}": prior._replace(prior_std=still.get(owner, 1.0) * prior.prior_std)
+                       for owner in vague for parameter in kind}  # fmt: skip
     if not priors:
         return parent
-
-    def resting(p: Parameter) -> Parameter:
-        mean, std, source = priors[p.name]
-        return replace(p, prior=mean, prior_std=std, source=source)
-
-    parameters = [resting(p) if p.name in priors else p for p in parent.parameters]
+    parameters = [replace(p, **priors[p.name]._asdict()) if p.name in priors else p for p in parent.parameters]
     return fitted(setting, parent.model, parameters, prior_weight=parent.prior_weight)
 
 
 def hardly_moving(model: Model, train: Sequence[Experiment]) -> dict[str, float]:
     """Return the inputs that move by less than a fifth of the range of the input of their kind that moves most, in the
-    frames of all recordings that are compared, each with its range over that fifth; 1 for one that never moves, for
-    whose gain nothing passes.
+    frames of all recordings that are compared, each with its range over that fifth; 1 for one that never moves, since
+    no difference between recordings passes for its gain.
     """
     compared = np.concatenate([np.isfinite(e.compared).any(axis=(1, 2)) for e in train])
     ranges = np.ptp(pressures_at(model, train)[compared], axis=0)

@@ -118,17 +118,17 @@ class Search:
         """Return the residuals (N,) of each part of the recordings as predicted from the other parts."""
         return left_out(fit.linear, self.parts.groups, noise_of(fit))
 
-    def adopt(self, fit: FittedModel) -> None:
-        """Take a converged fit as the best model. Its priors are weighted by its residuals, unless left-out parts are
-        then predicted worse.
+    def adopt(self, fit: FittedModel, score: float) -> None:
+        """Take a converged fit, of the criterion `score`, as the best model. Its priors are weighted by its residuals,
+        unless left-out parts are then predicted worse.
         """
-        self.best, self.score = fit, self.scored(fit)
+        self.best, self.score = fit, score
         if not fit.problem.learns or self.late or abs(fit.prior_weight / fit.problem.size - 1.0) <= MATERIAL:
             return
         with suppress(PliantError):
             weighted = self.converged(fit, fit.prior_weight)
-            if (score := self.scored(weighted)) < (1 + MATERIAL) * self.score:
-                self.best, self.score = weighted, score
+            if (other := self.scored(weighted)) < (1 + MATERIAL) * score:
+                self.best, self.score = weighted, other
 
     def converged(self, fit: FittedModel, prior_weight: float) -> FittedModel:
         """Return a fit continued until it converges, with another weight of its priors."""
@@ -247,7 +247,7 @@ class Search:
         return next((p for p in left if p.score <= best), None)
 
     def joins(self, fit: FittedModel, term: Term, tried: dict[str, TriedTerm]) -> bool:
-        """Adopt the fit with one more term, unless the converged one fails what `child` asks: then the trial says so.
+        """Adopt the fit with one more term, unless the converged one is refused: then its entry in `tried` says why.
         Return whether the term joined.
         """
         trial = tried[term.name]
@@ -256,14 +256,15 @@ class Search:
         except PliantError as error:
             tried[term.name] = trial._replace(reason=str(error))
             return False
-        helps, tried[term.name] = self.judged(end, term, trial)
+        score = self.scored(end)
+        helps, tried[term.name] = self.judged(end, score, term, trial)
         if helps:
             self.chosen.append(term)
-            self.adopt(end)
+            self.adopt(end, score)
         else:  # the rough fit promised too much
             title = f"with {term.title}"
             self.others = [other for other in self.others if other[1] != title]
-            self.keep(self.scored(end), title, end)
+            self.keep(score, title, end)
         return helps
 
     def affordable(self, most: int, *, last: bool = False) -> int:
@@ -294,15 +295,15 @@ class Search:
                 best = min(best, again, key=lambda end: end.cost)
         except PliantError as error:
             return None, trial._replace(reason=str(error))
-        self.keep(self.scored(best), f"with {term.title}", best)
-        helps, trial = self.judged(best, term, trial)
-        return (self.scored(best), best) if helps else None, trial
+        score = self.scored(best)
+        self.keep(score, f"with {term.title}", best)
+        helps, trial = self.judged(best, score, term, trial)
+        return (score, best) if helps else None, trial
 
-    def judged(self, fit: FittedModel, term: Term, trial: TriedTerm) -> tuple[bool, TriedTerm]:
-        """Return whether a fit with one more term predicts left-out parts better, inside its bounds, and the trial with
-        what was found.
+    def judged(self, fit: FittedModel, score: float, term: Term, trial: TriedTerm) -> tuple[bool, TriedTerm]:
+        """Return whether a fit with one more term, of the criterion `score`, predicts left-out parts better and stays
+        inside its bounds, and the trial with the reason.
         """
-        score = self.scored(fit)
         by, trial = by_percent(score, self.score), trial._replace(cost=fit.cost, left_out=score)
         if fit.cost > (1 + SAME) * self.best.cost:
             return False, trial._replace(reason="its fit has not converged: the cost is above that without the term")
@@ -321,9 +322,9 @@ class Search:
                    and not self.late and (s := self.without(t)) is not None]  # fmt: skip
         if not smaller:
             return False
-        _, best, term = min(smaller, key=lambda s: s[0])
+        score, best, term = min(smaller, key=lambda s: s[0])
         self.chosen.remove(term)
-        self.adopt(best)
+        self.adopt(best, score)
         self.record(f"-{term.name}", f"without {term.title}")
         return True
 

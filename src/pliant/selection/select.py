@@ -49,11 +49,11 @@ def select_model(
     """Choose the terms of a model from training recordings alone, and fit the chosen model.
 
     The search begins with stiffness, damping and a torque proportional to each input. In each step, a screen predicts
-    from one Jacobian what every further term would lower the cost by; the three best are fitted from the parent's
-    optimum. The term that predicts parts of the recordings best from the other parts (see
-    `pliant.selection.criterion`) joins the model if it improves its sum of squares by 3 %. At the end, terms without
-    which the prediction is as good, and terms that the recordings do not determine (standard error above half the
-    value), are dropped again. An undetermined time or angle of a term that is needed is held at its value.
+    from one Jacobian what every further term would lower the cost by; the three best are fitted roughly from the
+    parent's optimum. The term that predicts parts of the recordings best from the other parts (see
+    `pliant.selection.criterion`) joins the model if its converged fit lowers their sum of squares by 3 %. At the end,
+    terms without which the prediction is as good, and terms that the recordings do not determine (standard error above
+    half the value), are dropped again. An undetermined time or angle of a term that is needed is held at its value.
 
     Parameters
     ----------
