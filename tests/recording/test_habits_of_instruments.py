@@ -226,6 +226,15 @@ def test_tools_of_an_aurora(tmp_path: Path) -> None:
     assert recording["quaternion"].values[0, 1] == pytest.approx([0.0, 0.6, 0.0, 0.8])
 
 
+@pytest.mark.parametrize("mapping", [{"left_handed": True}, {"length_unit": "mm", "left_handed": False}])
+def test_the_unit_of_qualisys_holds_with_a_mapping(tmp_path: Path, mapping: dict) -> None:
+    path = written(tmp_path / "a.tsv", *QUALISYS, *lines_of(places(), "\t"))
+    plain, mapped = read(path), read(path, mapping=mapping)
+    reach = [float(np.ptp(r["position"].values[:, -1, 0])) for r in (plain, mapped)]
+    assert reach[1] == pytest.approx(reach[0])
+
+
+
 @pytest.mark.parametrize("timed", [False, True])
 @pytest.mark.parametrize("end", ["blank cells", "blank cells and a tab", "no cells"])
 def test_gaps_of_the_last_marker_of_qualisys(tmp_path: Path, timed: bool, end: str) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import invoke
+from unit_tables import bending
 
 import pliant
 from pliant.errors import InputError
@@ -17,16 +18,8 @@ NAMES = "time [s],base_x [mm],base_y [mm],base_z [mm],tip_x [mm],tip_y [mm],tip_
 
 def rows(level: float, *, timed: bool = True, start: float = 0.0) -> list[str]:
     """Rows of an arm whose tip follows a pulse of pressure, with an angle of 0.01 rad for each kPa."""
-    time = np.arange(0.0, 4.0, 0.02)
-    pressure = level * np.clip((time - 0.5) / 0.3, 0, 1) - level * np.clip((time - 2.5) / 0.3, 0, 1)
-    angle, state = np.zeros_like(time), 0.0
-    for k, p in enumerate(pressure):
-        state += 0.2 * (0.01 * p - state)
-        angle[k] = state
-    tip = 120.0 * np.stack([np.sin(angle / 2) * np.sinc(angle / 2 / np.pi), 0 * angle, -np.sinc(angle / np.pi)], axis=1)
-    noise = np.random.default_rng(int(level)).normal(0, 0.02, (time.size, 6))
-    table = np.column_stack([noise[:, :3], tip + noise[:, 3:], pressure])
-    text = [",".join(f"{v:.4f}" for v in row) for row in table]
+    time, pressure, base, tip = bending(level)
+    text = [",".join(f"{v:.4f}" for v in row) for row in np.column_stack([1e3 * base, 1e3 * tip, pressure])]
     return [f"{t + start:.3f},{row}" for t, row in zip(time, text, strict=True)] if timed else text
 
 
@@ -190,3 +183,39 @@ def test_units_below_the_names_of_each_run_are_no_rows(tmp_path: Path) -> None:
         assert bend(one) == pytest.approx(24, abs=1)
         part = pliant.read(path, mapping={"rows": [200, 400]})
         assert float(part["pressure"].max()) == pytest.approx(40e3)
+
+
+UNTIMED = NAMES.partition(",")[2]
+STATIONS = {s: {"position": [f"{s}_{axis} [mm]" for axis in "xyz"]} for s in ("base", "tip")}
+
+
+@pytest.mark.parametrize(("lines", "more", "frames"), [
+    ([UNTIMED, UNTIMED, *rows(20, timed=False)], {}, 200),
+    ([UNTIMED, *rows(20, timed=False), UNTIMED], {}, 200),
+    ([f"{UNTIMED},trial", *(f"{row},1" for row in rows(20, timed=False)), f"{UNTIMED},trial",
+      *(f"{row},2" for row in rows(40, timed=False))], {"select": {"column": "trial", "value": 2}}, 200),
+], ids=["twice above", "again below", "with a column of trials"])  # fmt: skip
+def test_names_that_stand_again_begin_no_run_by_themselves(tmp_path: Path, lines, more, frames: int) -> None:
+    mapping = {"rate_hz": 50.0, "length_unit": "mm", "stations": STATIONS, **more}
+    recording = pliant.read(written(tmp_path / "day.csv", *lines), mapping=mapping)
+    assert recording.sizes["time"] == frames
+    assert "repeat the names of its columns" in recording.attrs["history"]
+
+
+def test_a_table_of_blanks_whose_names_stand_again_is_read(tmp_path: Path) -> None:
+    lines = [row.replace(" [mm]", "").replace(" [kPa]", "").replace(",", " ")
+             for row in (UNTIMED, *rows(20, timed=False), UNTIMED, *rows(40, timed=False))]  # fmt: skip
+    stations = {s: {"position": [f"{s}_{axis}" for axis in "xyz"]} for s in STATIONS}
+    mapping = {"rate_hz": 50.0, "length_unit": "mm", "stations": stations}
+    assert pliant.read(written(tmp_path / "day.csv", *lines), mapping=mapping).sizes["time"] == 400
+
+
+def test_runs_are_numbered_without_a_hole_where_a_logger_began_twice(tmp_path: Path) -> None:
+    """Names that follow each other without rows between them begin one run."""
+    path, study, mapping = tmp_path / "day.csv", tmp_path / "s.toml", tmp_path / "m.toml"
+    written(path, UNTIMED, *rows(20, timed=False), UNTIMED, UNTIMED, *rows(40, timed=False))
+    mapping.write_text('rate_hz = 50\nlength_unit = "mm"\npressure = { columns = [6], unit = "kPa" }\n'
+                       "stations = { base = { position = [0, 1, 2] }, tip = { position = [3, 4, 5] } }\n")
+    drafted = invoke("new", study, "--from", path, "--mapping", mapping, "--length", "120mm", "--mass", "50g")
+    assert drafted.exit_code == 0, drafted.output
+    assert list(tomllib.loads(study.read_text())["recordings"]) == ["day_1", "day_2"]

@@ -72,8 +72,8 @@ def round_counter(before: float, after: float, step: float) -> int | None:
 
 def is_of_sheet(ticks: NDArray) -> bool:
     """Return whether times (T,) are days since the end of 1899, as spreadsheets store dates with times: their size is
-    that of a date of this century, and they rise by small fractions of a second, or by fractions below the time of a
-    millisecond that are whole seconds of a day.
+    that of a date of this century, and they rise by less than 5e-5 days (4.3 s), or by whole seconds and less than
+    1e-3 days (86 s).
     """
     known = ticks[np.isfinite(ticks)]
     step = np.diff(known)

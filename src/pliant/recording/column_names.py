@@ -47,8 +47,9 @@ LETTERS = set("afgoqvw")  # of quantities that are no positions
 OTHERS = re.compile(r"forces?|acc\w*|gyr\w*|mag(?!nets?$)\w*|vel\w*|speed|twist|torques?|moments?|wrench\w*|load_?cell|"
                     r"rot\w*|ang|angles?|angular|orient\w*|ori|quat\w*|grav\w*|imu\w*|euler\w*|omega|target|goal|ref|"
                     r"reference|cmd|command\w*|des|desired|setpoint|set_point")  # fmt: skip
-AMBIENT = re.compile(r"(?:.*[\W_])?(?:atm\w*|ambient|barom\w*)(?:[\W_].*)?", re.IGNORECASE)  # air around a body
-ELSEWHERE = r"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|atm\w*|ambient|barom\w*"  # not in the body
+AIR = r"atm\w*|ambient|barom\w*"  # around a body
+AMBIENT = re.compile(rf"(?:.*[\W_])?(?:{AIR})(?:[\W_].*)?", re.IGNORECASE)
+ELSEWHERE = rf"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|{AIR}"  # not in the body
 PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
 ABSOLUTE = re.compile(r"(?:^|[\W_])abs(?:olute)?(?:[\W_]|$)", re.IGNORECASE)  # a pressure that is no gauge pressure

@@ -434,7 +434,7 @@ def trials_in_table(path: Path, mapping: Mapping[str, Any]) -> dict[str, dict[st
     """
     mapping, _ = completed(mapping, first_cells(path, mapping), path.name)
     options = ColumnMapping.load(mapping, path.name)
-    if options.select is None and options.rows is None and RUN in first_cells(path, mapping):
+    if options.select is None and options.rows is None:
         runs = table_lines(path, skip_lines=options.skip_lines, delimiter=options.delimiter, header=options.header).runs
         return {str(k): {**mapping, "select": {"column": RUN, "value": k}} for k in range(1, len(runs) + 1)}
     if options.select is None or options.select.value is not None:

@@ -55,17 +55,16 @@ def of_qualisys(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
                          "positions of the markers (3D) as TSV")
     if not markers or not rate > 0:
         raise InputError(f"{name} is a table of Qualisys without MARKER_NAMES or FREQUENCY: export it with its header")
-    names = [f"{marker.replace(' ', '_')}_{axis}" for marker in markers for axis in "xyz"]
+    names = [f"{marker.replace(' ', '_')}_{axis} [mm]" for marker in markers for axis in "xyz"]
     timed = lines[begin].startswith("Frame")
     rows = [line for line in lines[begin + timed :] if line.strip()]
     head = ["Frame", "t", *names] if timed else [*names, "t"]
     rows, short = of_width(rows, len(names) + 2 * timed, name)
     if not timed:  # a cut last row gets no time: it stays too short
         rows = [f"{row}\t{k / rate:.6f}" if row.count("\t") + 1 == len(names) else row for k, row in enumerate(rows)]
-    metadata = {"length_unit": "mm"}
-    if (count := whole_number("".join(about.get("NO_OF_FRAMES", [])[:1]))) is not None:
-        metadata["rows"] = count  # type: ignore[assignment]
-    return [f"# {json.dumps(metadata)}", "\t".join(head), *rows, ""], [
+    count = whole_number("".join(about.get("NO_OF_FRAMES", [])[:1]))
+    metadata = [] if count is None else [f"# {json.dumps({'rows': count})}"]
+    return [*metadata, "\t".join(head), *rows, ""], [
         f"{name} is a table of Qualisys: {len(markers)} marker(s) in mm at {rate:g} Hz", *short]  # fmt: skip
 
 

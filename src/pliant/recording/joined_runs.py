@@ -45,8 +45,9 @@ def with_runs(lines: list[str], first: int, mark: str | None, name: str) -> tupl
     repeated = [lines[k] == lines[first] for k in places]
     rows = [k for k, names_again in zip(places, repeated, strict=True) if not names_again and lines[k] not in units]
     if any(repeated):
-        count = accumulate(repeated, initial=1)
-        numbers = [n for k, n in zip(places, [*count][1:], strict=True) if lines[k] not in (lines[first], *units)]
+        above = dict(zip(places, accumulate(repeated), strict=True))  # line: rows of names above it
+        blocks = [above[k] for k in rows]
+        numbers = (np.unique(blocks, return_inverse=True)[1] + 1).tolist()  # names repeated at once begin one run
         why = "the names of its columns are repeated"
     else:
         clock = next((k for k, title in enumerate(names) if is_time(title)), None)
@@ -84,8 +85,7 @@ def restarts(rows: Sequence[str], clock: int, mark: str) -> list[int]:
     """
     cells = [row.split(mark, clock + 1)[clock] if '"' not in row and row.count(mark) >= clock else
              [*split_cells(row, mark), *[""] * clock][clock] for row in rows]
-    decimal = "" if mark == "," else ","
-    texts = [cell.strip().replace(decimal or "\0", ".") for cell in cells]
+    texts = [cell.strip() if mark == "," else cell.strip().replace(",", ".") for cell in cells]
     if not all(NUMBER.fullmatch(text) for text in texts if text):
         return []
     times = filled(np.array([float(text) if text else np.nan for text in texts]))

@@ -86,8 +86,9 @@ def table_lines(
     first = first_row(lines, preamble_of(lines) if skip_lines is None else skip_lines)
     if header is False or first >= len(lines):
         return TableText(lines, notes)
-    more, runs = with_runs(lines, first, delimiter_of(lines[first], delimiter), name)
-    return TableText(lines, [*notes, *more], runs)
+    mark = delimiter_of(lines[first], delimiter)
+    more, runs = with_runs(lines, first, mark, name)
+    return TableText(lines, [*notes, *more, *without_repeated_names(lines, first, mark, name)], runs)
 
 
 def holds_rows(path: Path) -> bool:
@@ -236,7 +237,7 @@ def without_rows_below(lines: list[str], first: int, mark: str | None, name: str
             continue
         label = cells[0].lower().rstrip(":.")
         alone = len(cells) != width and is_named(cells)
-        if (label in SUMMARIES and (NUMBER.fullmatch(begins.replace(",", ".")) or ":" in begins)) or alone:
+        if (label in SUMMARIES and (is_number(begins) or ":" in begins)) or alone:
             below = [row for row in rows if row >= k]
             for row in below:
                 lines[row] = ""
@@ -252,21 +253,32 @@ def is_data(line: str, mark: str | None, width: int) -> bool:
 
 
 def without_comments(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
-    """Leave out comments between the rows of a table, and rows that repeat its names. A comment behind a blank line
-    begins another table, which is not joined to the first.
+    """Leave out comments between the rows of a table and, of a table with times, rows that repeat its names: without
+    times they may begin another run. A comment behind a blank line begins another table, which is not joined to the
+    first.
     """
     named = is_named(split_cells(lines[first], mark))
     begin = next(iter(following(lines, first)), first) if named else first
     comments = [k for k in range(first + 1, len(lines))
                 if lines[k].startswith("#") and split_cells(lines[k], mark)[0] not in MARKS
                 and (k < begin or lines[k - 1].strip())]  # fmt: skip
-    timed = any(map(is_time, split_cells(lines[first], mark)))  # else a repeated row begins another trial
-    repeats = [k for k in range(first + 1, len(lines)) if named and timed and lines[k] == lines[first]]
-    for k in (*comments, *repeats):
+    notes = blanked(lines, comments, f"{name} are comments among its rows")
+    timed = any(map(is_time, split_cells(lines[first], mark)))
+    return [*notes, *without_repeated_names(lines, first, mark, name)] if timed else notes
+
+
+def without_repeated_names(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Leave out rows that repeat the names of a table."""
+    repeats = [k for k in range(first + 1, len(lines)) if lines[k] == lines[first]]
+    return blanked(lines, repeats if is_named(split_cells(lines[first], mark)) else [],
+                   f"{name} repeat the names of its columns")  # fmt: skip
+
+
+def blanked(lines: list[str], places: Sequence[int], what: str) -> list[str]:
+    """Leave out lines at `places` of a table; return a sentence for the history on `what` they are."""
+    for k in places:
         lines[k] = ""
-    groups = {"are comments among its rows": comments, "repeat the names of its columns": repeats}
-    return [f"{len(places)} line(s) of {name} {what} and are left out, the first in line {places[0] + 1}"
-            for what, places in groups.items() if places]  # fmt: skip
+    return [f"{len(places)} line(s) of {what} and are left out, the first in line {places[0] + 1}"] if places else []
 
 
 def with_units_of_cells(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:

@@ -157,9 +157,9 @@ def _numbers(
     if metadata.get("na"):
         rows, marked = without_marks(rows, delimiter, used, metadata["na"], file)
         findings += marked
-    rows, clock = with_seconds(rows, delimiter, names.index(clock_of(names)), file)
+    rows, clock = with_seconds(rows, delimiter, names.index(clock_name(names)), file)
     table, cut = read_rows([*lines[:first], *rows], first, delimiter, file, len(names), used)
-    table, untimed = without_idle(table, names.index(clock_of(names)), used, file)
+    table, untimed = without_idle(table, names.index(clock_name(names)), used, file)
     return table, [*findings, *clock, *cut, *untimed]
 
 
@@ -259,14 +259,14 @@ def _check_names(names: list[str], cells: list[str], file: str) -> None:
         )
 
 
-def clock_of(names: Iterable[str]) -> str:
+def clock_name(names: Iterable[str]) -> str:
     """Return the name of the column by which a table is timed: the first of `CLOCKS` among its columns."""
     listed = {*names}
     return next(name for name in CLOCKS if name in listed)
 
 
 def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str, findings: list[str]) -> xr.Dataset:
-    clock = clock_of(columns)
+    clock = clock_name(columns)
     labels = _station_labels(columns)
     history = list(findings)
     if empty := [n for n, values in columns.items() if pressure_unit(n) and np.isnan(values).all()]:
