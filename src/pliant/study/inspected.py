@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ from pliant.preprocessing.plausibility.together import alike
 from pliant.recording.column_names import words_of
 from pliant.study.first_reading import several, with_logs
 from pliant.study.kinds import Kind, PoseOfFile, PoseOfRow, UnrecordedPressure, WithoutCause, recognised
-from pliant.study.shorthand import OPEN
+from pliant.study.shorthand import open_entries
 from pliant.study.trial import (
     Trial,
     from_first_frames,
@@ -80,13 +79,13 @@ class Inspected:
 
     @cached_property
     def entries_apart(self) -> set[str]:
-        """Return the names of the entries of the proposed mappings, beside the stations, that are known in all and not
-        alike: each recording has its own.
+        """Return the names of the entries, other than stations, in which the proposed mappings differ, or which only
+        some have, and which no mapping leaves open: each recording states its own.
         """
         mappings = [trial.guess.mapping for trial in self.trials if trial.guess is not None]
         return {name for mapping in mappings for name in mapping if name != "stations"
                 and any(other.get(name) != mapping[name] for other in mappings)
-                and all(OPEN not in json.dumps(other.get(name)) for other in mappings)}  # fmt: skip
+                and not any([*open_entries(other.get(name))] for other in mappings)}  # fmt: skip
 
     @property
     def poses(self) -> bool:

@@ -37,9 +37,9 @@ def body_column(table: PlainTable) -> int | None:
     """Return the column that names the body of each row; None if the rows are frames."""
     columns = range(table.values.shape[1])
     if not table.names:
-        clocks = [k for k in columns[:2] if rises(table.values[:, k])]
+        clocks = [k for k in columns[:2] if always_rises(table.values[:, k])]
         return next((k for k in columns[:2] if in_turn(table.values[:, k])
-                     and (not clocks or jumps(table, columns[k + 1 :], table.values[:, k]))), None)  # fmt: skip
+                     and (not clocks or place_jumps(table, columns[k + 1 :], table.values[:, k]))), None)  # fmt: skip
     axes = [axis_of(words_of(name)) for name in table.names]
     if max(axes.count("x"), axes.count("y")) != 1:
         return None
@@ -65,18 +65,18 @@ def is_body(table: PlainTable, k: int, words: Sequence[str]) -> bool:
     if np.count_nonzero(borders) + 1 == len(bodies):
         back = [(np.diff(clock)[borders] < 0).any() for clock in clocks]
         return bool(set(words) & TRACKED) and (any(back) or not clocks)
-    if clocks and all(rises(clock) for clock in clocks):
+    if clocks and all(always_rises(clock) for clock in clocks):
         places = [c for c, name in enumerate(table.names) if axis_of(words_of(name)) in ("x", "y", "z")]
-        return in_turn(values) and jumps(table, places, values)
+        return in_turn(values) and place_jumps(table, places, values)
     return in_turn(values) or (k in table.texts and any(share_times(clock, values) for clock in clocks))
 
 
-def rises(clock: Array) -> bool:
+def always_rises(clock: Array) -> bool:
     """Return whether times (T,) rise from each row to the next."""
     return bool((np.diff(clock[np.isfinite(clock)]) > 0).all())
 
 
-def jumps(table: PlainTable, columns: Sequence[int], bodies: Array) -> bool:
+def place_jumps(table: PlainTable, columns: Sequence[int], bodies: Array) -> bool:
     """Return whether a column changes more from row to row than between the rows of a body, which follow in turn."""
     apart = len(np.unique(bodies))
     values = table.values[:, list(columns)]

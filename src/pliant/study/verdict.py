@@ -255,7 +255,7 @@ def doubts_on_other_fits(outcome: StudyOutcome) -> tuple[str, ...]:
 
 
 def of_selection(outcome: StudyOutcome, fit: FitOutcome) -> bool:
-    """Return whether a fit is that of the terms which the study chose."""
+    """Return whether a fit is the result of the model selection."""
     return outcome.model_selection is not None and fit.name == "model_selection"
 
 

@@ -11,6 +11,7 @@ from pliant.model.summary import bending_stiffness
 from pliant.preprocessing.plausibility.contract import Case, Check
 from pliant.preprocessing.plausibility.shape import LEAST_BODY, MOST_BODY
 from pliant.preprocessing.side import alignment_of
+from pliant.units import METRE
 
 SHORTER, LONGER = 0.7, 5.0  # stated length relative to the reach in the recording
 DENSITY = (200.0, 8000.0)  # kg/m3: foam, and steel
@@ -23,8 +24,7 @@ MODULUS = (1e3, 1e9)  # Pa: hydrogel, and a hard plastic
 ROUND = np.pi / 64  # second moment of area of a solid round section, over the fourth power of its diameter
 LARGEST_ARM = np.pi / 8  # area of that section times its radius, over the third power of its diameter
 MOST_MOVED = 2.2  # largest displacement of a point over the length of its body
-MISTAKEN = {("mm", "cm"): 10.0, ("mm", "in"): 25.4, ("mm", "m"): 1e3, ("m", "in"): 0.0254, ("m", "cm"): 0.01,
-            ("m", "mm"): 1e-3}  # length of a unit over that of the unit in which positions are read
+MISTAKEN = (("mm", "cm"), ("mm", "in"), ("mm", "m"), ("m", "in"), ("m", "cm"), ("m", "mm"))  # unit read, true unit
 NEARLY = 1.3
 USUAL_WIDTH = 0.4  # assumed diameter relative to the length where none is stated
 
@@ -45,7 +45,8 @@ def length(case: Case) -> str:
                 'as length_unit = "cm", or correct the length')  # fmt: skip
     if SHORTER * size <= whole <= LONGER * size:
         return ""
-    other = next((pair for pair, factor in MISTAKEN.items() if 1 / NEARLY < whole / size / factor < NEARLY), None)
+    other = next(((read, true) for read, true in MISTAKEN
+                  if 1 / NEARLY < whole / size / (METRE[true] / METRE[read]) < NEARLY), None)
     remedy = "state length in metres, and check the unit of the positions" if other is None else (
         f"if its positions are in {other[1].replace('in', 'inches')}, and not in {other[0]} as they are read, state "
         f'length_unit = "{other[1]}" in the mapping; else correct the length')
