@@ -267,7 +267,7 @@ class KalmanFilter:
         prediction, arrays = Prediction(1, h, self._tau, self._densities), self._arrays(1)
         for row, chain in moves:
             predict = partial(self._predict, self._own, chain, prediction, arrays)
-            if base.made(predict, row, self._own.angle, self._own.rate) < 0:
+            if base.advance(predict, row, self._own.angle, self._own.rate) < 0:
                 return -1
         return 0
 

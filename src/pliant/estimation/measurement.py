@@ -191,7 +191,7 @@ def measurement_of(
     the model's do. In space, the positions of the model's stations are used, with orientations of rigid bodies there.
     A recording holds these as rotations since its rest; they are added to the model's equilibrium without input.
     Values of further variables that count from the first frames are added to those in equilibrium under `inputs` (C,)
-    [SI], those of the first frame; default: none. `carried` says that the filter is told the motion of the base.
+    [SI], those of the first frame; default: none. `carried`: whether the motion of the base is given to the filter.
 
     Raises
     ------

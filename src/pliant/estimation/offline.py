@@ -248,7 +248,7 @@ def run_on_base(base: BaseSteps, measurement: Measurement, plan: Drive, noise: N
         for k in range(ends[max(f - 1, 0)], end):
             prediction = Prediction(1, float(plan.h[k]), plan.joint_torque[k], density)
             step = partial(predict, now, with_gravity(constants, fields[k]), prediction, arrays)
-            if base.made(step, moves[k], now.angle, now.rate) < 0:
+            if base.advance(step, moves[k], now.angle, now.rate) < 0:
                 raise prediction_fails(measurement, f)
             transition[:n] = arrays.J[:states, :n].T @ transition
         part = FilterOutput(*(a[f : f + 1] for a in out))

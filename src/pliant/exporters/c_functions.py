@@ -420,7 +420,7 @@ class Text:
         derivatives `out` of the link accelerations with respect to the link angles.
         """
         m, n = self.given.memory, self.model.n
-        smooth = [m.boucwen_share for _ in named(self.model, ("boucwen",))]
+        smooth = [m.boucwen_share] if named(self.model, ("boucwen",)) else []
         shares = [*m.creep_share, *m.slip_share, *smooth]
         if not shares:
             return

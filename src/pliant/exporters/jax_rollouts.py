@@ -88,7 +88,7 @@ def distinct(models: Sequence[Model]) -> tuple[list[Model], Array]:
 def memories(models: Sequence[Model], starts: Array) -> Array:
     """Return the hysteresis states (N, coordinates, branches) of N samples, in equilibrium at their start."""
     return np.stack([
-        state.relaxed(m, mechanics_of(m).joint_coordinates(x)) if m.memory else np.zeros((0, 0))
+        state.relaxed_as_stored(m, mechanics_of(m).joint_coordinates(x))
         for m, x in zip(models, starts[:, 0], strict=True)
     ])  # fmt: skip
 

@@ -200,8 +200,8 @@ def space_start(model: Model) -> dict[str, float]:
         return {}
     turns = {f"rest_turn_{axis}_{i + 1}": float(v) for i, row in enumerate(space.rest_of(model.n))
              for axis, v in zip("xyz", row, strict=True)}  # fmt: skip
-    tilts = {f"base_tilt_{axis}": float(v) for axis, v in zip("xyz", space.base_tilt, strict=True)}
-    return {"stiffness_ratio": space.stiffness_ratio, "twist_ratio": space.twist_ratio, **tilts, **turns}
+    ratios = {"stiffness_ratio": space.stiffness_ratio, "twist_ratio": space.twist_ratio}
+    return {**ratios, **mechanics_of(model).base_values, **turns}
 
 
 def check_space_names(names: Iterable[str], model: Model) -> None:

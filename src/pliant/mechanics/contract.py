@@ -235,7 +235,9 @@ class Mechanics(Naming):
 
     @abstractmethod
     def total_bend(self, q: Float[Array, " N"]) -> float:
-        """Return the size [rad] of the sum of all joint angles q (N,), in space of both directions together."""
+        """Return the absolute value [rad] of the sum of the joint angles in q (N,); in space, the norm of the sums
+        about x and y.
+        """
 
     @abstractmethod
     def with_rest_shape(self, q: Float[Array, " N"], tips: Float[Array, "n d"]) -> Model:
@@ -358,7 +360,8 @@ class Mechanics(Naming):
         """Return mass [kg], centre of mass [m], lateral and axial moment of inertia [kg m^2] of the links, each (n,).
         The values of the last link include the tip mass and its inertia.
 
-        The centre is measured from the joint, the moments are about it. In a plane there are no axial ones: None.
+        The centre is measured from the joint; the moments are about the centre of mass. In a plane the axial moments
+        are None.
         """
 
     @abstractmethod

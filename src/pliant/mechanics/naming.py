@@ -104,7 +104,7 @@ class Naming(ABC):
 
     @property
     def angle_values(self) -> dict[str, float]:
-        """Parameters of base and shape at rest that angles or orientations without positions tell apart."""
+        """Parameters of the base and the rest shape that angles or orientations determine without positions."""
         return self.rest_values
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, NamedTuple, cast
 
 import numpy as np
@@ -121,7 +122,7 @@ class Memory:
         """Return whether the extensible segments have any branch of hysteresis."""
         return bool(self.axial_creep_share or self.axial_slip_share)
 
-    @property
+    @cached_property
     def axial(self) -> Memory:
         """Return the branches of the segments in the form of those of a joint, with strains in place of angles."""
         return Memory(self.axial_creep_share, self.axial_creep_time, self.axial_slip_share, self.axial_slip_strain)

@@ -133,9 +133,8 @@ def stored_energy(model: Model, x: Array, v: Array, states: Array) -> Array:
     """
     chain = mechanics_of(model)
     kinetic, elastic, weight = chain.energy(x, v)
-    q, K, hysteresis = chain.joint_coordinates(x), chain.joints.K, [0.0]
-    if model.memory:  # records of laws are made anew, which a loop of steps must not pay for nothing
-        hysteresis = [K[i] * memory_stored(i, q[i], states, law) for i, law in enumerate(laws_of(model))]
+    q, K = chain.joint_coordinates(x), chain.joints.K
+    hysteresis = [K[i] * memory_stored(i, q[i], states, law) for i, law in enumerate(laws_of(model))]
     return np.array([kinetic, elastic, weight, sum(hysteresis)], dtype=float)
 
 

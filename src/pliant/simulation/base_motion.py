@@ -290,9 +290,9 @@ class BaseSteps:
         """
         return state.equilibrium(self.model, pressure, link_load=resting_load(self.chain, self.motion, time))
 
-    def made(self, step: Callable[[], int], row: Array, x: Array, v: Array) -> int:
-        """Make one time step, ``step()``, in which the base moves as the `row` of `base_fields` says, at coordinates x
-        and rates v (N,), which change in place. Return what `step` returns.
+    def advance(self, step: Callable[[], int], row: Array, x: Array, v: Array) -> int:
+        """Take one time step by calling ``step()``, while the base moves as the `row` of `base_fields` says, at
+        coordinates x and rates v (N,), which change in place. Return what `step` returns.
         """
         self._begin(row, v, self.chain.body, self.chain.joints)
         failed = step()

@@ -295,7 +295,7 @@ class Stepper:
         rows, loads = base_rows(self._chain, base.motion, self.time + self.time_step * np.arange(steps + 1))
         loads = loads + self._load if len(self._load) else loads
         for k in range(steps):
-            if base.made(partial(self._held, 1, loads[k]), rows[k], self._x, self._v) >= 0:
+            if base.advance(partial(self._held, 1, loads[k]), rows[k], self._x, self._v) >= 0:
                 return k
         return -1
 
