@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from pliant.model import Model
 from pliant.model.parts import STATION
 from pliant.selection.criterion import DETERMINED
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
+from pliant.selection.terms import Term
 
 Entry = Parameter | str
 HARDLY = 0.2  # of the range of the input that moves most: an input that moves less hardly moves
@@ -87,6 +88,18 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
         return parent  # a fit needs a free parameter
     parameters = [replace(p, free=False, source=fixed[p.name]) if p.name in fixed else p for p in parent.parameters]
     return fitted(setting, parent.model, parameters, prior_weight=parent.problem.size)
+
+
+def scale_of(fit: FittedModel, stated: Container[str]) -> list[Term]:
+    """Return the term that frees the stiffness, if a fit holds it and it is not `stated`.
+
+    Beside other terms, recordings may show the scale of stiffness, damping and torque that they did not show to the
+    first model.
+    """
+    value = fit.values.get("stiffness", 0.0)
+    if "stiffness" in stated or not value or "stiffness" in fit.free:
+        return []
+    return [Term("stiffness", "a stiffness that is not held", (Parameter("stiffness", value),), {"stiffness": value})]
 
 
 class GainPrior(NamedTuple):

@@ -3,89 +3,44 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pliant.errors import PliantError
 from pliant.identification.fit import finished
 from pliant.identification.optimise import solve
-from pliant.identification.parameters import Parameter
 from pliant.identification.result import FitResult
-from pliant.model import Model
 from pliant.selection.criterion import (
     MATERIAL,
     at_bounds,
     by_percent,
     cost_without,
-    left_out,
-    noise_of,
-    parts_of,
-    score_of,
-    undetermined,
 )
 from pliant.selection.fitted import (
-    EVALUATIONS,
-    TOLERANCE,
-    FitSetting,
     FittedModel,
-    fitted,
     rivals_among,
     with_checked_step,
 )
-from pliant.selection.result import ModelSelection, SelectionStep, TriedTerm
-from pliant.selection.saved import SearchFile
-from pliant.selection.screen import TermProposal, screened
+from pliant.selection.restart import from_each_row, restarted
+from pliant.selection.result import ModelSelection, TriedTerm
+from pliant.selection.screen import TermProposal
+from pliant.selection.state import SearchState
 from pliant.selection.terms import Term
 
 Array = np.ndarray
-Notify = Callable[[str], None]
 MUCH = 0.1  # of the criterion: a smaller gain does not keep a term that is not determined
 REFITS = 3  # terms that are fitted in each step, those with the best screens
 MOST_REFITS = 6  # of them while none helps: a screen underestimates terms that act nonlinearly, such as friction
-MOST_OTHERS = 8  # models that are kept during the search, of which some are rivals in the end
-ROUGH, ROUGH_EVALUATIONS = 1e-3, 12  # relative change of the cost, and evaluations, at which a trial of a term stops
 SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converged
-RESERVE = 0.15  # of the time: kept for the last fit
 LAST_EVALUATIONS = 60
-FEWEST_EVALUATIONS = 3  # of a fit, however little time is left
 OUT_OF_TIME = "the time limit was reached: raise minutes to go on"
 NO_BETTER = "no further term lowers the squared error of left-out parts by 3 %"
 
 
-@dataclass
-class Search:
-    """A search under way: the best model so far, the terms that it has, and what was tried.
-
-    Attributes
-    ----------
-    given : Model
-        Model without the values of any term, with the stations of the first fit.
-    began, deadline : float
-        Times on the monotonic clock, s.
-    """
-
-    setting: FitSetting
-    given: Model
-    best: FittedModel
-    terms: Sequence[Term]
-    began: float
-    deadline: float
-    notify: Notify
-    file: SearchFile | None = None
-    chosen: list[Term] = field(default_factory=list)
-    steps: list[SelectionStep] = field(default_factory=list)
-    others: list[tuple[float, str, FittedModel]] = field(default_factory=list)  # criterion, difference, fit
-    pace: float = 0.0  # s per evaluation of the last fit
-
-    def __post_init__(self) -> None:
-        self.allowed = self.deadline - clock.monotonic()
-        self.parts = parts_of(self.best)
-        self.score = self.scored(self.best)
-        if not self.steps:
-            self.record("", ", ".join(["stiffness, damping and torque", *(t.title for t in self.chosen)]))
+class Search(SearchState):
+    """A search under way: it adds terms, begins fits anew, and drops terms until none of these helps."""
 
     def run(self) -> ModelSelection:
         """Add terms until none helps, drop those that are not needed, and return the selection."""
@@ -93,6 +48,8 @@ class Search:
         try:
             while not stop:
                 stop = self.add_term()
+                if stop == NO_BETTER and (self.restart_terms() or self.drop_terms()):
+                    stop = ""
             while self.drop_term() or self.hold_parameter():
                 pass
         except KeyboardInterrupt:
@@ -103,106 +60,6 @@ class Search:
         return ModelSelection(tuple(self.steps), names, self.reason(stop), result, clock.monotonic() - self.began,
                               stop == NO_BETTER, rivals_among(self.others, self.score, self.best, self.setting.loss))
 
-    def model(self, *more: Term) -> Model:
-        """Return the given model with the segments that the chosen terms and `more` need."""
-        model = self.given
-        for term in (*self.chosen, *more):
-            model = term.model(model)
-        return model
-
-    def scored(self, fit: FittedModel) -> float:
-        """Return the criterion of the residuals as predicted from other parts of the recordings (see `criterion`)."""
-        return score_of(fit, self.parts)
-
-    def predicted(self, fit: FittedModel) -> Array:
-        """Return the residuals (N,) of each part of the recordings as predicted from the other parts."""
-        return left_out(fit.linear, self.parts.groups, noise_of(fit))
-
-    def adopt(self, fit: FittedModel, score: float) -> None:
-        """Take a converged fit, of the criterion `score`, as the best model. Its priors are weighted by its residuals,
-        unless left-out parts are then predicted worse.
-        """
-        self.best, self.score = fit, score
-        if not fit.problem.learns or self.late or abs(fit.prior_weight / fit.problem.size - 1.0) <= MATERIAL:
-            return
-        with suppress(PliantError):
-            weighted = self.converged(fit, fit.prior_weight)
-            if (other := self.scored(weighted)) < (1 + MATERIAL) * score:
-                self.best, self.score = weighted, other
-
-    def converged(self, fit: FittedModel, prior_weight: float) -> FittedModel:
-        """Return a fit continued until it converges, with another weight of its priors."""
-        return self.timed(fit.model, fit.parameters, prior_weight, EVALUATIONS, 0.1 * ROUGH)
-
-    def timed(
-        self, model: Model, parameters: Sequence[Parameter], prior_weight: float, most: int, tolerance: float,
-    ) -> FittedModel:
-        """Return the fit of a model from its start values, with as many evaluations as the time left allows."""
-        began = clock.monotonic()
-        end = fitted(self.setting, model, parameters, prior_weight=prior_weight, evaluations=self.affordable(most),
-                     tolerance=tolerance)  # fmt: skip
-        self.pace = (clock.monotonic() - began) / max(end.problem.evaluations, 1)
-        return end
-
-    def record(self, name: str, title: str) -> None:
-        """Record the model as it is now, after the term `name` joined it or left it."""
-        predicted = self.predicted(self.best)
-        errors = self.best.percent(self.best.residual), self.best.percent(predicted)
-        self.steps.append(SelectionStep(name, title, self.best.free, self.best.cost, *errors))
-        if self.file is not None:
-            self.file.save([t.name for t in self.chosen], self.steps, self.best, self.setting.time_step,
-                           clock.monotonic() - self.began)
-        left = max(self.deadline - clock.monotonic(), 0.0)
-        self.notify(
-            f"{title}: error of left-out parts {self.steps[-1].left_out_percent:.3g} % of the peak displacement, "
-            f"{len(self.best.free)} parameters ({clock.monotonic() - self.began:.0f} s; at most {left:.0f} s more)"
-        )
-
-    def keep(self, score: float, title: str, fit: FittedModel) -> None:
-        """Keep a model as a possible rival of the chosen one; those with the lowest criteria stay."""
-        self.others = sorted([*self.others, (score, title, fit)], key=lambda c: c[0])[:MOST_OTHERS]
-
-    def vague(self, term: Term) -> dict[str, str]:
-        """Return the parameters of a term that neither the recordings nor a prior determine, each with its value and
-        error.
-        """
-        prior = {p.name for p in self.best.problem.free if p.prior_std}
-        vague = undetermined(self.best.values, self.best.standard_errors, term)
-        return {name: text for name, text in vague.items() if name not in prior}
-
-    @property
-    def late(self) -> bool:
-        """Return whether the time that is left is needed for the last fit."""
-        return clock.monotonic() > self.deadline - RESERVE * self.allowed
-
-    def open_terms(self) -> list[Term]:
-        """Return the terms that may join the model as it is."""
-        names = {name for t in self.chosen for name in (t.name, *t.includes)}
-        groups = {t.group for t in self.chosen if t.group}
-        parameters, free = {p.name for p in self.best.parameters}, set(self.best.free)
-        return [
-            t for t in self.terms
-            if t.name not in names and t.group not in groups and (not t.needs or t.needs in names)
-            and set(t.replaces) <= free and not any(p.name in parameters for p in t.adds if p.free)
-        ]  # fmt: skip
-
-    def ranked(self) -> tuple[list[TermProposal], list[TriedTerm]]:
-        """Return the best proposal of each open term, the most promising first, and the terms that cannot be
-        screened or whose screen ends at a bound.
-
-        The rank is the criterion that the screen predicts.
-        """
-        proposals, refused = screened(self.best, self.model(), self.open_terms(), self.setting, self.parts)
-        trials = {r.term.name: TriedTerm(r.term.name, r.term.title, reason=f"cannot be screened: {r.reason}")
-                  for r in refused}
-        best: dict[str, TermProposal] = {}
-        for p in proposals:  # the best row of each term comes first
-            if p.sense:
-                best.setdefault(p.term.name, p)
-        trials |= {p.term.name: TriedTerm(p.term.name, p.term.title, reason="its value would lie beyond its bounds")
-                   for p in proposals if p.term.name not in best}
-        return list(best.values()), list(trials.values())
-
     def add_term(self) -> str:
         """Add the best term to the model. Return why the search ends, or '' if a term was added.
 
@@ -211,7 +68,7 @@ class Search:
         """
         if self.late:
             return OUT_OF_TIME
-        proposals, trials = self.ranked()
+        proposals, trials = self.ranked(self.best, self.chosen)
         tried: dict[str, TriedTerm] = {}
         children: list[tuple[float, FittedModel, Term]] = []
         joined: Term | None = None
@@ -251,6 +108,8 @@ class Search:
         Return whether the term joined.
         """
         trial = tried[term.name]
+        if len(term.grid) > 1 and self.has_time_for(8 * len(term.grid)):
+            fit = min([fit, *from_each_row(self, self.best, term)], key=lambda end: end.cost)
         try:
             end = fit if self.late else self.converged(fit, fit.problem.size)
         except PliantError as error:
@@ -266,18 +125,6 @@ class Search:
             self.others = [other for other in self.others if other[1] != title]
             self.keep(score, title, end)
         return helps
-
-    def affordable(self, most: int, *, last: bool = False) -> int:
-        """Return how many evaluations a fit may take: at most `most`, and no more than the time left allows, of which a
-        part is kept for the `last` fit.
-        """
-        left = self.deadline - clock.monotonic() - (0.0 if last else RESERVE * self.allowed)
-        return most if self.pace == 0.0 else int(np.clip(left / self.pace, FEWEST_EVALUATIONS, most))
-
-    def refitted(self, model: Model, parameters: Sequence[Parameter], *, roughly: bool = False) -> FittedModel:
-        """Return the fit of a model from its start values; `roughly`, with the evaluations that a comparison needs."""
-        limits = (ROUGH_EVALUATIONS, ROUGH) if roughly else (EVALUATIONS, TOLERANCE)
-        return self.timed(model, parameters, self.best.problem.size, *limits)
 
     def child(self, proposal: TermProposal) -> tuple[tuple[float, FittedModel] | None, TriedTerm]:
         """Fit the model with one more term. Return the criterion and the fit, or None if the term is refused, and what
@@ -313,17 +160,37 @@ class Search:
         return helps, trial._replace(
             reason=f"left-out parts are predicted {'better' if helps else 'no better'} (error {by})")
 
+    def restart_terms(self) -> bool:
+        """Begin the fits of terms with a grid anew: what joined after them may have been meant by them, or the other
+        way round. Return whether a model became better.
+        """
+        names = frozenset(t.name for t in self.chosen)
+        if self.white or names in self.restarts:
+            return False
+        self.restarts.add(names)
+        terms = [t for t in self.chosen if len(t.grid) > 1 and not self.needed(t)]
+        better = [restarted(self, t) for t in terms if self.has_time_for(4 + 2 * len(t.grid))]
+        return any(better)
+
+    def drop_terms(self) -> bool:
+        """Drop all terms that the model does not need. Return whether there was one."""
+        count = len(self.chosen)
+        while self.drop_term():
+            pass
+        return len(self.chosen) < count
+
     def drop_term(self) -> bool:
         """Drop the term without which left-out parts are predicted best, if the model does not need it. Return whether
         a term was dropped.
         """
-        needed = {t.needs for t in self.chosen} | {t.name for t in self.chosen[-1:]}
-        smaller = [s for t in self.chosen if not needed & {t.name, *t.includes} and not t.extension and not t.replaces
+        last = [step.name for step in self.steps[-1:]]  # it has just been judged
+        smaller = [s for t in self.chosen if not self.needed(t) and t.name not in last and not t.extension
                    and not self.late and (s := self.without(t)) is not None]  # fmt: skip
         if not smaller:
             return False
         score, best, term = min(smaller, key=lambda s: s[0])
         self.chosen.remove(term)
+        self.dropped.add(term.name)
         self.adopt(best, score)
         self.record(f"-{term.name}", f"without {term.title}")
         return True
@@ -336,11 +203,11 @@ class Search:
         is not fitted.
         """
         vague = self.vague(term)
-        if not vague and cost_without(self.best, term) > (1 + 2 * MATERIAL) * self.best.cost:
+        beyond = not vague and not term.replaces and cost_without(self.best, term) > (1 + 2 * MATERIAL) * self.best.cost
+        if beyond:
             return None
-        gone = {p.name for p in term.adds}
         try:
-            end = self.refitted(self.model(), [p for p in self.best.parameters if p.name not in gone])
+            end = self.refitted(self.model(), self.parameters_without(term))
         except PliantError:
             return None
         score = self.scored(end)

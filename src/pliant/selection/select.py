@@ -17,8 +17,9 @@ from pliant.selection.first_model import Entry, determined
 from pliant.selection.fitted import FitSetting, fitted
 from pliant.selection.result import ModelSelection
 from pliant.selection.saved import SearchFile
-from pliant.selection.search import Notify, Search
+from pliant.selection.search import Search
 from pliant.selection.start import first_model
+from pliant.selection.state import Notify
 from pliant.selection.terms import Term, terms_for
 
 MINUTES = 5.0
@@ -93,12 +94,14 @@ def select_model(
     check_options(how)
     began, notify = clock.monotonic(), progress or (lambda _line: None)
     deadline = began + 60 * how["minutes"]
+    names = frozenset(e if isinstance(e, str) else e.name for e in common)
     file, state = how["file"], None if how["file"] is None else how["file"].load()
     terms = terms_for(model, train) if how["terms"] is None else how["terms"]
     if state is None:
         setting, parent, chosen = first_model(train, model, common, terms, how, notify)
         start = model.with_(stations=parent.model.stations)
-        return Search(setting, start, determined(parent, setting), terms, began, deadline, notify, file, chosen).run()
+        return Search(setting, start, determined(parent, setting), terms, began, deadline, notify, file, chosen,
+                      stated=names).run()
     stated = how["time_step"] is not None
     setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"], stated_step=stated)
     chosen = [t for name in state.terms for t in terms if t.name == name]
@@ -109,7 +112,7 @@ def select_model(
     notify(f"goes on from a run that was stopped: {', '.join(t.title for t in chosen) or 'no term'} so far")
     start = model.with_(stations=best.model.stations)
     return Search(setting, start, best, terms, began - state.seconds, deadline, notify, file, chosen,
-                  list(state.steps)).run()
+                  list(state.steps), stated=names).run()
 
 
 def check_options(how: SearchOptions) -> None:
