@@ -6,8 +6,6 @@ the model yet, such as creep that of a lag of the valve, and no step of a fit le
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 from pliant.errors import PliantError
 from pliant.selection.criterion import MATERIAL, at_bounds
 from pliant.selection.fitted import FittedModel
@@ -16,68 +14,61 @@ from pliant.selection.terms import Term
 
 
 def restarted(search: SearchState, term: Term) -> bool:
-    """Adopt the best model in which one of the chosen terms begins anew, from each row of its grid, alone or after one
-    more term, if left-out parts are then predicted better by 3 %. Return whether there is one.
+    """Adopt the model in which one of the chosen terms makes room for another that explains better what it explains, if
+    left-out parts are then predicted better by 3 %. Return whether there is one.
+
+    The term begins anew after the other one, from each row of its grid, or leaves the model.
     """
-    try:
-        parent = rough_parent(search, term)
-    except PliantError:
+    parent = rough_parent(search, term)
+    first = None if parent is None else first_choice(search, parent, term)
+    if first is None:
         return False
-    begun: list[tuple[FittedModel, tuple[Term, ...]]] = [(parent, ())]
-    begun += [(fit, (more,)) for fit, more in first_choice(search, parent, term)]
-    ends = [(end, more) for fit, more in begun for end in from_each_row(search, fit, term, *more)]
-    if not ends:
-        return False
-    end, more = min(ends, key=lambda e: search.scored(e[0]))
+    fit, other = first
+    ends = [(fit, False), *((end, True) for end in from_each_row(search, fit, term, other))]
+    end, stays = min(ends, key=lambda e: search.scored(e[0]))
     try:
         end = end if search.late else search.converged(end, end.problem.size)
     except PliantError:
         return False
     score = search.scored(end)
-    if score > (1 - MATERIAL) * search.score or (not more and end.cost > (1 - MATERIAL) * search.best.cost):
+    if score > (1 - MATERIAL) * search.score:
         return False
-    search.chosen.extend(more)
+    search.chosen = [*(t for t in search.chosen if stays or t is not term), other]
     search.adopt(end, score)
-    title = " and ".join([*(f"{t.title}," for t in more), f"{term.title} begun anew"])
-    search.record(more[0].name if more else f"~{term.name}", title)
+    search.record(other.name, f"{other.title}, {term.title} {'begun anew' if stays else 'left out'}")
     return True
 
 
-def rough_parent(search: SearchState, term: Term) -> FittedModel:
+def rough_parent(search: SearchState, term: Term) -> FittedModel | None:
     """Return the rough fit of the best model without a term: from the present values or, where it is better, from those
-    of the other parameters in the first model.
+    of the other parameters in the first model. None if it cannot be simulated.
     """
     others, first = search.parameters_without(term), search.first.values
     again = [p if p.name not in first else p.with_(value=first[p.name]) for p in others]
-    fits = [search.refitted(search.model(), start, roughly=True) for start in (others, again)]
-    return min(fits, key=lambda fit: fit.cost)
+    return min(search.rough_fits(search.model(), (others, again)), key=lambda fit: fit.cost, default=None)
 
 
-def first_choice(search: SearchState, parent: FittedModel, term: Term) -> list[tuple[FittedModel, Term]]:
-    """Return the rough fit of a parent without `term` with the term that its screen ranks first, and this term; empty
-    if there is none that can be fitted.
+def first_choice(search: SearchState, parent: FittedModel, term: Term) -> tuple[FittedModel, Term] | None:
+    """Return what a parent without `term` would take in its place: the rough fit with the term that its screen ranks
+    first, and this term; None if that is `term` itself, or cannot be fitted.
     """
     chosen = [t for t in search.chosen if t is not term]
-    proposals = search.ranked(parent, chosen)[0]
-    for p in (p for p in proposals if p.term.name != term.name and not p.term.extension):
-        gone = {*p.term.replaces, *(a.name for a in p.term.adds)}
-        others, model = [a for a in parent.parameters if a.name not in gone], search.model(p.term)
-        try:
-            starts = [[*others, *p.term.begun(p.row, values)] for values in p.starts()]
-            start = search.setting.cheapest(model, starts, search.best.problem.size)
-            return [(search.refitted(model, start, roughly=True), p.term)]
-        except PliantError:
-            return []
-    return []
+    best = next((p for p in search.ranked(parent, chosen)[0] if not p.term.extension), None)
+    if best is None or best.term is term:
+        return None
+    gone = {*best.term.replaces, *(p.name for p in best.term.adds)}
+    others, model = [p for p in parent.parameters if p.name not in gone], search.model(best.term)
+    starts = [[*others, *best.term.begun(best.row, values)] for values in best.starts()]
+    try:
+        start = search.setting.cheapest(model, starts, search.best.problem.size)
+        return search.refitted(model, start, roughly=True), best.term
+    except PliantError:
+        return None
 
 
 def from_each_row(search: SearchState, parent: FittedModel, term: Term, *more: Term) -> list[FittedModel]:
     """Return the rough fits of a parent, which has the terms `more`, with a term from each row of its grid, inside the
     bounds of the term. A screen finds the best row of a law that acts nonlinearly, such as friction, not always.
     """
-    fits, model = [], search.model(*more, term)
-    for row in term.grid:
-        with suppress(PliantError):
-            if not search.late:
-                fits.append(search.refitted(model, [*parent.parameters, *term.begun(row, {})], roughly=True))
-    return [fit for fit in fits if not at_bounds(fit, term)]
+    starts = [[*parent.parameters, *term.begun(row, {})] for row in term.grid]
+    return [fit for fit in search.rough_fits(search.model(*more, term), starts) if not at_bounds(fit, term)]

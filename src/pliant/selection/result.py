@@ -56,8 +56,8 @@ class SelectionStep:
     Attributes
     ----------
     name, title : str
-        Term that joined the model; with a sign before the name one that left it (-) or began anew (~), or a parameter
-        that is held (=); '' for the first model.
+        Term that joined the model; with a sign before the name one that left it (-), or a parameter that is held (=);
+        '' for the first model.
     free : tuple of str
         Free parameters.
     cost : float
@@ -80,7 +80,7 @@ class SelectionStep:
     @property
     def joins(self) -> bool:
         """Return whether a term joined the model in this step."""
-        return bool(self.name) and self.name[0] not in "-~="
+        return bool(self.name) and self.name[0] not in "-="
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> SelectionStep:

@@ -108,7 +108,7 @@ class Search(SearchState):
         Return whether the term joined.
         """
         trial = tried[term.name]
-        if len(term.grid) > 1 and self.has_time_for(8 * len(term.grid)):
+        if len(term.grid) > 1 and self.has_time_for(2 * len(term.grid)):
             fit = min([fit, *from_each_row(self, self.best, term)], key=lambda end: end.cost)
         try:
             end = fit if self.late else self.converged(fit, fit.problem.size)
@@ -161,15 +161,13 @@ class Search(SearchState):
             reason=f"left-out parts are predicted {'better' if helps else 'no better'} (error {by})")
 
     def restart_terms(self) -> bool:
-        """Begin the fits of terms with a grid anew: what joined after them may have been meant by them, or the other
-        way round. Return whether a model became better.
-        """
+        """Begin terms with a grid anew, after terms for which they stand. Return whether a model became better."""
         names = frozenset(t.name for t in self.chosen)
         if self.white or names in self.restarts:
             return False
         self.restarts.add(names)
         terms = [t for t in self.chosen if len(t.grid) > 1 and not self.needed(t)]
-        better = [restarted(self, t) for t in terms if self.has_time_for(4 + 2 * len(t.grid))]
+        better = [restarted(self, t) for t in terms if self.has_time_for(4 + len(t.grid))]
         return any(better)
 
     def drop_terms(self) -> bool:

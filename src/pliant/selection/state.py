@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -190,8 +190,19 @@ class SearchState:
         limits = (ROUGH_EVALUATIONS, ROUGH) if roughly else (EVALUATIONS, TOLERANCE)
         return self.timed(model, parameters, self.best.problem.size, *limits)
 
+    def rough_fits(self, model: Model, starts: Iterable[Sequence[Parameter]]) -> list[FittedModel]:
+        """Return the rough fits of a model from several start values; fewer if it cannot be simulated or the time is
+        over.
+        """
+        fits = []
+        for start in starts:
+            with suppress(PliantError):
+                if not self.late:
+                    fits.append(self.refitted(model, start, roughly=True))
+        return fits
+
     def has_time_for(self, fits: int) -> bool:
-        """Return whether half of the time that is left suffices for a number of rough fits."""
+        """Return whether a number of rough fits takes less than half of the time that is left."""
         left = self.deadline - RESERVE * self.allowed - clock.monotonic()
         return fits * ROUGH_EVALUATIONS * self.pace < 0.5 * left
 
