@@ -6,6 +6,8 @@ the model yet, such as creep that of a lag of the valve, and no step of a fit le
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from pliant.errors import PliantError
 from pliant.selection.criterion import MATERIAL, at_bounds
 from pliant.selection.fitted import FittedModel
@@ -45,7 +47,8 @@ def rough_parent(search: SearchState, term: Term) -> FittedModel | None:
     """
     others, first = search.parameters_without(term), search.first.values
     again = [p if p.name not in first else p.with_(value=first[p.name]) for p in others]
-    return min(search.rough_fits(search.model(), (others, again)), key=lambda fit: fit.cost, default=None)
+    start = search.setting.cheapest(search.model(), (others, again), search.best.problem.size)
+    return next(iter(search.rough_fits(search.model(), [start])), None)
 
 
 def first_choice(search: SearchState, parent: FittedModel, term: Term) -> tuple[FittedModel, Term] | None:
@@ -66,9 +69,12 @@ def first_choice(search: SearchState, parent: FittedModel, term: Term) -> tuple[
         return None
 
 
-def from_each_row(search: SearchState, parent: FittedModel, term: Term, *more: Term) -> list[FittedModel]:
-    """Return the rough fits of a parent, which has the terms `more`, with a term from each row of its grid, inside the
-    bounds of the term. A screen finds the best row of a law that acts nonlinearly, such as friction, not always.
+def from_each_row(
+    search: SearchState, parent: FittedModel, term: Term, *more: Term, without: Mapping[str, float] | None = None,
+) -> list[FittedModel]:
+    """Return the rough fits of a parent, which has the terms `more`, with a term from each row of its grid but the one
+    `without`, inside the bounds of the term. A screen does not always find the best row of a law that acts
+    nonlinearly, such as friction.
     """
-    starts = [[*parent.parameters, *term.begun(row, {})] for row in term.grid]
+    starts = [[*parent.parameters, *term.begun(row, {})] for row in term.grid if row != without]
     return [fit for fit in search.rough_fits(search.model(*more, term), starts) if not at_bounds(fit, term)]

@@ -70,15 +70,15 @@ class Search(SearchState):
             return OUT_OF_TIME
         proposals, trials = self.ranked(self.best, self.chosen)
         tried: dict[str, TriedTerm] = {}
-        children: list[tuple[float, FittedModel, Term]] = []
+        children: list[tuple[float, FittedModel, TermProposal]] = []
         joined: Term | None = None
         while joined is None and (proposal := self.next_proposal(proposals, tried, children)):
             better, tried[proposal.term.name] = self.child(proposal)
             if better is not None:
-                children.append((*better, proposal.term))
+                children.append((*better, proposal))
             if self.next_proposal(proposals, tried, children) is None:
                 best_first = sorted(children, key=lambda c: c[0])
-                joined = next((t for _, fit, t in best_first if self.joins(fit, t, tried)), None)
+                joined = next((p.term for _, fit, p in best_first if self.joins(fit, p, tried)), None)
                 children = []
         passed = (p for p in proposals if p.term.name not in tried)
         trials += [*tried.values(), *(TriedTerm(p.term.name, p.term.title, p.cost, reason="other terms promise more")
@@ -91,7 +91,7 @@ class Search(SearchState):
 
     def next_proposal(
         self, proposals: Sequence[TermProposal], tried: Mapping[str, TriedTerm],
-        children: Sequence[tuple[float, FittedModel, Term]],
+        children: Sequence[tuple[float, FittedModel, TermProposal]],
     ) -> TermProposal | None:
         """Return the next proposal to fit; None if enough terms were `tried`, if one of the `children` is better than
         the rest promise, or if the time is over.
@@ -103,13 +103,15 @@ class Search(SearchState):
         best = min((score for score, _, _ in children), default=np.inf)
         return next((p for p in left if p.score <= best), None)
 
-    def joins(self, fit: FittedModel, term: Term, tried: dict[str, TriedTerm]) -> bool:
-        """Adopt the fit with one more term, unless the converged one is refused: then its entry in `tried` says why.
-        Return whether the term joined.
+    def joins(self, fit: FittedModel, proposal: TermProposal, tried: dict[str, TriedTerm]) -> bool:
+        """Adopt the fit with one more term, from the best row of its grid, unless the converged one is refused: then
+        its entry in `tried` says why. Return whether the term joined.
         """
+        term = proposal.term
         trial = tried[term.name]
         if len(term.grid) > 1 and self.has_time_for(2 * len(term.grid)):
-            fit = min([fit, *from_each_row(self, self.best, term)], key=lambda end: end.cost)
+            rows = from_each_row(self, self.best, term, without=proposal.row)
+            fit = min([fit, *rows], key=lambda end: end.cost)
         try:
             end = fit if self.late else self.converged(fit, fit.problem.size)
         except PliantError as error:
