@@ -68,6 +68,32 @@ def test_a_tracker_that_stops_and_leaps_is_left_out_and_one_that_waits_is_not():
     assert not frozen(0.05 * (1 - np.cos(12 * time)) * np.ones((400, 3, 3)) * np.arange(3)[:, None]).any()
 
 
+def test_single_frames_that_a_log_misses_are_left_out_while_the_body_moves():
+    rng = np.random.default_rng(5)
+    place, late = moving(rng), np.zeros(400, dtype=bool)
+    late[rng.permutation(np.arange(3, 397, 3))[:80]] = True
+    for k in np.flatnonzero(late):
+        place[k] = place[k - 1]
+    marked = frozen(place)
+    assert (marked == marked[:, :1]).all()
+    assert not marked[~late].any()
+    fast = np.abs(np.cos(2 * np.pi * TIME)) > 0.2
+    assert marked[late & fast].all()
+    count = int(marked[:, 0].sum())
+    assert any(f"the log has no new frame in {count} frames of the motion" in f
+               for f in quality(recorded(place)).findings)  # fmt: skip
+    assert np.isnan(leave_out_frozen(recorded(place))["position"].values).all(axis=(1, 2)).sum() == count
+    still = np.where(np.arange(400)[:, None, None] < 200, place, place[199])  # repeats of a body that rests are true
+    assert not frozen(still)[200:].any()
+
+
+def test_the_repeats_of_a_slower_tracker_are_not_missed_frames():
+    every = np.arange(400) % 2 == 0
+    slow = moving(np.random.default_rng(6))
+    slow[~every] = slow[every]
+    assert not frozen(slow).any()
+
+
 def test_a_turn_that_goes_on_shows_that_the_station_is_tracked():
     place = moving(np.random.default_rng(4))
     place[100:140, 2] = place[99, 2]

@@ -21,6 +21,7 @@ LEAST_REPEATS = 3  # consecutive repeated frames: fewer occur by chance
 GRID_STEPS = 3.0  # resolutions: a station whose next step is smaller may only be slow
 BEYOND_NOISE = 6.0  # noise levels by which another station must move during the repeats
 LEAP = 3.0  # times the next step: a body at rest starts to move with a smaller step
+MOST_REPEATS = 1 / 3  # of the frames of a log that misses single frames; more are those of a slower tracker
 LEAST_CHANGES = 20  # changes of an input: fewer are steps and pulses, not a staircase
 ALIKE, SHORTER = 0.6, 0.1  # fractions of intervals: at least near the median; at most shorter, as by noise
 Span = tuple[float, float, int]  # first and last time [s] and number of repeated frames
@@ -31,8 +32,8 @@ def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
     although the body moves.
 
     Such a station repeats every number for at least three frames, then steps by more than its resolution, while another
-    station moved. Or all stations repeat their numbers, then leap. The first frame of the repeated values is not
-    marked.
+    station moved. Or all stations repeat their numbers, then leap, or a log misses single frames of a motion that goes
+    on. The first frame of the repeated values is not marked.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ def frozen(position: NDArray, quaternion: NDArray | None = None) -> NDArray:
     """
     flat = position if quaternion is None else np.concatenate([position, quaternion], axis=-1)
     marked = np.zeros(position.shape[:2], dtype=bool)
-    marked[stopped(position, flat)] = True
+    marked[stopped(position, flat) | missed(position, flat)] = True
     candidates = {s: runs(repeated_frames(flat[:, s])) for s in range(position.shape[1])}
     candidates = {s: spans for s, spans in candidates.items() if spans}
     if not candidates:
@@ -87,6 +88,30 @@ def stopped(position: NDArray, flat: NDArray) -> NDArray:
     return stops
 
 
+def missed(position: NDArray, flat: NDArray) -> NDArray:
+    """Return a mask (T,) over T frames. It is True where a log has no new frame during a motion: it repeats the numbers
+    of all stations for one or two frames. `flat` (T, S, D) are the D numbers of each of S stations in each frame.
+
+    A station moves in one direction before and after the repeats, by more than three times its resolution and its
+    noise. The log of a slower tracker, which repeats more than a third of the frames, is not marked.
+    """
+    late = np.zeros(len(position), dtype=bool)
+    again = repeated_frames(flat)
+    spans = [(a, b) for a, b in runs(again, 1) if a > 1 and b < len(position) and b - a < LEAST_REPEATS]
+    if not spans or again.mean() > MOST_REPEATS:
+        return late
+    step = np.diff(position, axis=0)
+    sizes = np.abs(step).max(axis=2)
+    resolution = np.where(np.isfinite(step) & (step != 0), np.abs(step), np.inf).min(axis=(0, 2))
+    noise = noise_level(np.where(again[:, None, None], np.nan, position))
+    least = GRID_STEPS * np.maximum(resolution, np.nan_to_num(noise))
+    for start, stop in spans:
+        before, after = start - 2, stop - 1
+        onward = np.sum(step[before] * step[after], axis=1) > 0
+        late[start:stop] = (onward & (sizes[before] > least) & (sizes[after] > least)).any()
+    return late
+
+
 def runs(flags: NDArray, least: int = LEAST_REPEATS) -> list[tuple[int, int]]:
     """Return (first index, last index + 1) of each run of at least `least` successive True values in a mask `flags`
     (T,).
@@ -100,7 +125,7 @@ def frozen_spans(time: NDArray, names: list[str], marked: NDArray) -> dict[str, 
     time [s], number of frames. The mask `marked` (T, S) is True there, for S stations over T frames.
     """
     return {
-        name: tuple((float(time[a]), float(time[b - 1]), b - a) for a, b in runs(marked[:, s]))
+        name: tuple((float(time[a]), float(time[b - 1]), b - a) for a, b in runs(marked[:, s], 1))
         for s, name in enumerate(names) if marked[:, s].any()
     }  # fmt: skip
 
@@ -127,9 +152,15 @@ def leave_out_frozen(recording: xr.Dataset) -> xr.Dataset:
 
 def frozen_sentences(spans: dict[str, tuple[Span, ...]], stations: int) -> list[str]:
     """Return one sentence per station whose position a tracker repeated, with the longest intervals. One sentence
-    covers all stations where their intervals are equal.
+    covers all stations where their intervals are equal, and one the single frames that a log misses.
     """
+    single = max((sum(n for _, _, n in listed if n < LEAST_REPEATS) for listed in spans.values()), default=0)
     said = []
+    if single:
+        said.append(f"the log has no new frame in {single} frames of the motion, and repeats the one before; studies "
+                    "leave these frames out")  # fmt: skip
+    spans = {name: tuple(span for span in listed if span[2] >= LEAST_REPEATS) for name, listed in spans.items()}
+    spans = {name: listed for name, listed in spans.items() if listed}
     together = len(spans) == stations > 1 and len(set(spans.values())) == 1
     for name, listed in list(spans.items())[: 1 if together else None]:
         longest = sorted(sorted(listed, key=lambda span: -span[2])[:3])
