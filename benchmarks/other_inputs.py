@@ -2,8 +2,8 @@
 
     python benchmarks/other_inputs.py --first 300 --bodies 12
 
-The bodies are those with two chambers of `benchmarks/strangers.py`. Rows state the fractions of the working pressure of
-both chambers in the recordings of training, and in the recording that is predicted.
+The bodies are those of `benchmarks/strangers.py`, with one chamber or two. Rows state the fractions of the working
+pressure in the recordings of training, and in the recording that is predicted.
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ from pliant.errors import PliantError
 from pliant.identification import Experiment, Parameter, fit, predict_held_out
 from pliant.identification.prediction_bands import TrainingResiduals, prediction_band
 
-Levels = tuple[float, float]
+Levels = tuple[float, ...]
 
 
 class Case(NamedTuple):
-    """Levels of both chambers in recordings of training, and in those that are predicted."""
+    """Levels of one or two chambers in recordings of training, and in those that are predicted."""
 
     train: tuple[Levels, ...]
     held_out: tuple[Levels, ...]
 
 
 CASES = {
+    "one chamber": Case(((0.33,), (1.0,)), ((0.15,), (0.66,), (1.3,), (2.0,))),
     "one at a time": Case(((1.0, 0.0), (0.0, 1.0)), ((0.7, 0.8), (1.4, 0.0), (1.4, 1.2))),
     "two levels of each": Case(((0.5, 0.0), (1.0, 0.0), (0.0, 0.5), (0.0, 1.0)), ((0.7, 0.8), (1.4, 0.0), (1.0, 1.0))),
     "smaller motions": Case(((1.0, 0.0), (0.0, 1.0), (0.7, 0.8)), ((0.2, 0.0), (0.0, 0.3), (0.2, 0.1))),
@@ -38,10 +39,10 @@ CASES = {
 
 
 def recorded(seed: int, case: Case) -> dict[Levels, Experiment]:
-    """Return the recordings of a case of the body of a seed, by the levels of both chambers."""
+    """Return the recordings of a case of the body of a seed, by the levels of its chambers."""
     levels = (*case.train, *case.held_out)
     rod, experiments = strangers.recorded_at(seed, {f"r{k}": row for k, row in enumerate(levels)})
-    assert len(rod.chambers) > 1
+    assert len(rod.chambers) == len(case.train[0])
     return dict(zip(levels, experiments, strict=True))
 
 
@@ -77,8 +78,10 @@ def main() -> None:
     parser.add_argument("--bodies", type=int, default=12, help="number of bodies")
     parser.add_argument("--case", choices=list(CASES), action="append", help="default: all")
     args = parser.parse_args()
-    seeds = [2 * k + 1 for k in range(args.first // 2, args.first // 2 + args.bodies)]
     for name in args.case or CASES:
+        even = args.first + args.first % 2  # seeds of bodies with one chamber
+        seeds = range(even, even + 2 * args.bodies, 2) if name == "one chamber" else range(
+            even + 1, even + 2 * args.bodies, 2)  # fmt: skip
         every = np.array(list(computed(seeds, CASES[name])))
         for row, parts in zip(CASES[name].held_out, every.T, strict=True):
             print(f"{name:<20} {row}: {len(parts)} bodies, median {np.median(parts):.0f} %, 92 % and more in "
