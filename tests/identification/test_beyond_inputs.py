@@ -16,6 +16,7 @@ from pliant.identification.beyond_inputs import MISTAKEN, InputRange, beyond_inp
 from pliant.identification.prediction_bands import TrainingResiduals, noise_like, prediction_band
 from pliant.model import Chamber, Model, Station, chain_model
 from pliant.simulation import Trace
+from pliant.study.forecast import tip_lacks
 
 TIMES = np.arange(0.0, 3.0, 0.02)  # s
 KNOTS = np.array([0.2, 0.25, 1.6, 1.65])  # s
@@ -81,6 +82,16 @@ def test_the_variance_is_that_of_the_gain_where_the_input_leaves_its_range():
     assert not beyond_inputs(result, train[0], result.values, train, STEP).any()
 
 
+def test_the_band_of_a_forecast_widens_with_an_input_beyond_its_range():
+    train = [recorded(body(), 1.0, 0.0), recorded(body(), 0.7, 0.1)]
+    result = fitted(train)
+    held = int(np.searchsorted(TIMES, 1.5))
+    inside, beyond = (tip_lacks(result, recorded(body(), 0.0, level), result.values, train, STEP)[held].max()
+                      for level in (0.1, 0.4))  # fmt: skip
+    assert inside < 1e-9
+    assert beyond > 0.05 * 10.0 * MISTAKEN * 0.3 * LEVEL * result.values["far.torque_1"] / 0.5
+
+
 def test_a_band_holds_where_an_input_moves_that_hardly_moved_in_training():
     """A curvature of the first law that the model lacks passes for the gain of the second, 20 % too large or small."""
     true = body(curvature=-6e-13)
@@ -114,9 +125,7 @@ def test_an_error_in_proportion_to_the_motion_stays_in_proportion():
 
 @pytest.mark.slow
 def test_bands_of_virtual_rods_hold_beyond_their_training():
-    """Another solver, friction, a late chamber: before, bands held 14 to 62 % of smaller motions, 20 to 30 % of an
-    input that hardly moved.
-    """
+    """Another solver, friction, a turned base, a late chamber."""
     script: Any = loaded("other_inputs")
     for name in ("smaller motions", "one hardly moves"):
         parts = np.array([script.coverage(seed, script.CASES[name]) for seed in (301, 303, 305)])
