@@ -13,6 +13,7 @@ error is at most half of its value.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -109,14 +110,31 @@ def chain(rod: RodParameters) -> Model:
 
 def recorded(seed: int, kind: str) -> tuple[RodParameters, list[Experiment]]:
     """Return the rod of a seed and its training recordings."""
+    return recorded_under(seed, commands(seed, kind, len(drawn(seed)[0].chambers)), DURATION[kind])
+
+
+def recorded_at(seed: int, levels: Mapping[str, Sequence[float]]) -> tuple[RodParameters, list[Experiment]]:
+    """Return the rod of a seed and recordings of pulses, from the levels of its chambers by recording, in fractions of
+    the working pressure.
+    """
+    pulses = {name: [EDGES * [1.0, level] for level in row] for name, row in levels.items()}
+    return recorded_under(seed, pulses, DURATION["three"])
+
+
+def recorded_under(
+    seed: int, inputs: Mapping[str, Sequence[np.ndarray]], duration: float,
+) -> tuple[RodParameters, list[Experiment]]:
+    """Return the rod of a seed and its recordings [`duration` s], from the steps (E, 2) of each chamber by recording,
+    in fractions of the working pressure.
+    """
     rod, more = drawn(seed)
     rng = np.random.default_rng([seed, 52])
     names = tuple(s.name for s in chain(rod).stations)
     nodes = [round(p * rod.elements) for p in PLACES]
-    fine = np.arange(1, round(DURATION[kind] / STEP) + 1) * STEP
+    fine = np.arange(1, round(duration / STEP) + 1) * STEP
     c, s = np.cos(more["turn"]), np.sin(more["turn"])
     experiments = []
-    for name, steps in commands(seed, kind, len(rod.chambers)).items():
+    for name, steps in inputs.items():
         edges = [e * [1.0, more["pressure"]] for e in steps]
         loads = np.zeros((fine.size, len(rod.chambers) + 3))
         for k, e in enumerate(edges):

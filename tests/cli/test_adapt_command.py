@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 from command_line import invoke, program
 from small_study import AXES, ORIGIN, body, changed, write_recording, write_study
 
-from pliant.errors import PliantError
+from pliant.errors import InputError, PliantError
 from pliant.model import Model
 from pliant.simulation import Trace, simulate
 from pliant.validation.metrics_file import MetricsFile
@@ -208,6 +210,45 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(arm, tmp_path, recordi
     assert said in str(done.exception or done.output), done.output
     assert not (tmp_path / "new").exists()
     assert digest(arm) == before
+
+
+def changed_results(arm: Path, folder: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    """Copy results, and change their fit in metrics.json."""
+    copytree(arm, folder)
+    metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    change(metrics["fits"]["linear"])
+    (folder / "metrics.json").write_text(json.dumps(metrics), encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda fit: fit.update(covariance=None), "no covariance of its parameters"),
+    (lambda fit: fit.pop("covariance"), "fit linear of metrics.json cannot be read"),
+    (lambda fit: fit["covariance"]["matrix"].pop(), "the covariance lacks numbers of its"),
+    (lambda fit: fit["covariance"]["form"][0].__setitem__(0, None), "the covariance lacks numbers of its"),
+    (lambda fit: fit["covariance"]["names"].__setitem__(0, "mass"), "does not contain its free parameter"),
+    (lambda fit: fit["parameters"].clear(), "no free parameter of the body"),
+])  # fmt: skip
+def test_results_that_say_nothing_of_the_body_are_refused(arm, tmp_path, change, said):
+    folder = changed_results(arm, tmp_path / "old", change)
+    before = digest(folder)
+    done = invoke("adapt", folder, "--recording", day(tmp_path / "may.csv", body()), "-o", tmp_path / "new")
+    assert isinstance(done.exception, InputError), done.exception
+    assert said in str(done.exception)
+    assert not (tmp_path / "new").exists()
+    assert digest(folder) == before
+
+
+@pytest.mark.parametrize("file", ["metrics.json", "study.json"])
+def test_results_cut_in_the_middle_are_refused(arm, tmp_path, file):
+    folder = tmp_path / "old"
+    copytree(arm, folder)
+    content = (folder / file).read_bytes()
+    (folder / file).write_bytes(content[: len(content) // 2])
+    done = invoke("adapt", folder, "--recording", day(tmp_path / "may.csv", body()), "-o", tmp_path / "new")
+    assert isinstance(done.exception, InputError), done.exception
+    assert f"{file} is not valid JSON" in str(done.exception)
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("where", ["itself", "other"])

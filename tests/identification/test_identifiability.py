@@ -10,7 +10,11 @@ import pytest
 
 from pliant.errors import FitError
 from pliant.identification import Parameter, fit, identifiability
+from pliant.identification.identifiability import combinations
+from pliant.identification.problem import Problem
+from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
+from pliant.simulation import PointForce
 
 
 def test_stiffness_damping_gain_and_mass_share_one_scale(truth: Model, pulse: Any) -> None:
@@ -78,3 +82,37 @@ def test_expected_errors_are_those_of_a_fit_under_that_noise(truth: Model, pulse
     errors = {p.name: p.std for p in found.parameters if p.free}
     for name, expected in zip(told.names, told.expected_std, strict=True):
         assert errors[name] == pytest.approx(expected, rel=0.25)
+
+
+SCALE = "are known as ratios"
+
+
+def spread(names: list[str], values: list[float], scale: float, ratio: float) -> Covariance:
+    """Covariance of parameters with a common relative error and independent ones."""
+    count = len(names)
+    matrix = (scale**2 * np.ones((count, count)) + ratio**2 * np.eye(count)) * np.outer(values, values)
+    return Covariance(tuple(names), matrix, matrix, np.zeros(count, bool), 0.0, 100.0)
+
+
+@pytest.mark.parametrize(("scale", "ratio", "gravity", "known"), [
+    (0.3, 0.02, (0.0, 0.0), True), (0.3, 0.2, (0.0, 0.0), False), (0.02, 0.001, (0.0, 0.0), False),
+    (0.3, 0.02, (0.0, -9.81), False),
+])  # fmt: skip
+def test_stiffness_and_gains_without_weight_are_known_as_ratios(
+    truth: Model, pulse: Any, scale: float, ratio: float, gravity: tuple[float, float], known: bool,
+) -> None:
+    names, values = ["stiffness", "torque_1"], [0.9, 6e-7]
+    problem = Problem([pulse(truth)], truth.with_(gravity=gravity),
+                      [Parameter(n, v) for n, v in zip(names, values, strict=True)], 2e-3, "travel")  # fmt: skip
+    said = combinations(problem, np.array(values) / problem.scale, spread(names, values, scale, ratio))
+    assert any(SCALE in s for s in said) == known
+    if known:
+        assert "to 3 %; their common scale only to 30 %" in said[0]
+
+
+def test_the_pull_of_a_thread_shows_the_common_scale(truth: Model, pulse: Any) -> None:
+    names, values = ["stiffness", "torque_1"], [0.9, 6e-7]
+    pull = PointForce(np.array([0.0, 1.0]), np.array([[0.0, 0.1], [0.0, 0.1]]), "tip")
+    pulled = replace(pulse(truth), forces=(pull,))
+    problem = Problem([pulled], truth, [Parameter(n, v) for n, v in zip(names, values, strict=True)], 2e-3, "travel")
+    assert not combinations(problem, np.array(values) / problem.scale, spread(names, values, 0.3, 0.02))

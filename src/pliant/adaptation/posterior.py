@@ -105,6 +105,8 @@ def gaussian_of(result: FitResult, free: Sequence[Parameter]) -> JointPrior:
     covariance = result.covariance
     if covariance is None:
         raise InputError("this fit has no covariance of its parameters, which another day starts from: run it again")
+    if lost := [p.name for p in free if p.name not in covariance.names]:
+        raise InputError(f"the covariance of this fit does not contain its free parameter {lost[0]}: run it again")
     index = [covariance.names.index(p.name) for p in free]
     matrix = covariance.matrix + (0.0 if covariance.between is None else covariance.between)
     values = np.array([float(p.value or 0.0) for p in free])

@@ -23,6 +23,9 @@ from pliant.shapes import Float
 
 Array = np.ndarray
 WEAK = 0.5  # expected standard error, in sizes of the parameter, above which a direction is weak
+UNSURE = 0.1  # standard error of a common scale, relative to it, from which a fit names it
+SPRINGS = ("stiffness", "body_stiffness", "axial_stiffness")
+GAINS = ("torque_1", "gain", "gain_x", "gain_y", "axial_gain")
 TAKES_PART = 0.03  # of the largest entry of a direction
 FIX_FIRST = (  # what a user most likely knows, or can do without
     "mass", "valve_dead_time", "gain", "tip_mass", "base_x", "base_y", "along", "across", "gravity_angle", "rest_angle",
@@ -272,7 +275,7 @@ def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
     ]
     worst = int(np.argmax(rel))
     if rel[worst] <= WEAK:
-        return findings
+        return findings + common_scale(problem, x, found)
     alone = np.sqrt(np.maximum(np.diag(C) - C[:, worst] ** 2 / C[worst, worst], 0.0))
     others = [i for i in np.flatnonzero((rel > 0.1) & (alone < 0.8 * rel)) if i != worst]
     if not others:
@@ -286,6 +289,32 @@ def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
         f"{join_words(listed)} make up for each other: {names[worst]} 10 % higher with {along} follows the recordings "
         f"as well. {names[worst]} is known to {100 * rel[worst]:.0f} % of its size; were it fixed, {gain} would be "
         "known."
+    )]
+
+
+def common_scale(problem: Problem, x: Array, found: Covariance) -> list[str]:
+    """Return a sentence if stiffnesses and gains are known as ratios much better than in size; [] otherwise.
+
+    Without weight or a known force, only the inertia of the body shows the size of all forces. Delays and friction that
+    a model lacks look like inertia, so that the error of their common scale may exceed its standard error.
+    """
+    if problem.model.gravity.any() or any(e.forces for e in problem.experiments):
+        return []
+    stems = [shared_name(p.name).rpartition(".")[2] for p in problem.free]
+    value = x * problem.scale
+    part = [i for i, stem in enumerate(stems) if stem in SPRINGS + GAINS and not found.hidden[i] and value[i] != 0.0]
+    if not {stems[i] for i in part} & set(SPRINGS) or not {stems[i] for i in part} & set(GAINS):
+        return []
+    C = found.total[np.ix_(part, part)] / np.outer(value[part], value[part])
+    pairs = np.diag(C)[:, None] + np.diag(C) - 2.0 * C  # variances of ratios
+    scale, ratios = float(np.sqrt(C.mean())), float(np.sqrt(pairs.sum() / (len(part) * (len(part) - 1))))
+    if scale < UNSURE or ratios > 0.5 * scale:
+        return []
+    listed = join_words([found.names[i] for i in part])
+    return [(
+        f"{listed} are known as ratios, to {100 * ratios:.1g} %; their common scale only to {100 * scale:.0f} %, from "
+        "inertia, about which delays and friction that the model lacks mislead. A recording under gravity or with a "
+        "known force shows it."
     )]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.failures import FAILED
+from pliant.identification.beyond_inputs import beyond_inputs
 from pliant.identification.discrepancy import discrepancy, speed
 from pliant.identification.experiment import Experiment, farthest
 from pliant.identification.fit import predict_held_out
@@ -141,6 +142,7 @@ def prediction_band(
     if training:
         pressure = predict(own.model, experiment, own.values, time_step)["pressure"]
         variance += discrepancy(own.model, experiment, own.values, rows, pressure, training) ** 2
+        variance += beyond_inputs(fitted, experiment, own.values, training, time_step)
         between = fitted.covariance.between
         near = np.maximum(near, trial_to_trial(rows, len(training)) if between is None else spread(between))
     half = normal * np.sqrt(variance + near)
@@ -209,8 +211,10 @@ class TrainingResiduals:
         and in motion.
 
         With the weighting "travel", residuals and displacements are taken relative to each recording's peak
-        displacement and scaled back by that of the prediction `modelled` (T, S, ...). A station without training data
-        gets the mean of all stations.
+        displacement and scaled back by that of the prediction `modelled` (T, S, ...). The constant is then a sum of
+        two: one relative to the peak displacement, one of the same size [m] in all recordings. A prediction with a
+        smaller peak displacement than all training recordings errs as much as the smallest of them does. A station
+        without training data gets the mean of all stations.
         """
         share = self.weighting == "travel"
         return noise_like(self.train, self.motions, experiment, modelled, share=share)
@@ -239,17 +243,18 @@ def noise_like(
     training recordings. With `share`, residuals are taken relative to the peak displacements.
     """
     left = dict[str, list[tuple[Array, Array]]]()
+    least = min(e.travel for e in train) if share else 0.0
     for exp, rows in zip(train, motions, strict=True):
         unit = exp.travel if share else 1.0
         square = ((rows - exp.compared) / unit) ** 2
-        traits = motion_traits(exp.time, rows, unit, settled=exp.poses)
+        traits = with_rest(motion_traits(exp.time, rows, unit, settled=exp.poses), least / unit)
         for k, name in enumerate(exp.stations):
             if np.isfinite(square[:, k]).any(axis=0).all():
                 left.setdefault(name, []).append((traits, square[:, k]))
     path = modelled[:, -1]
     way = farthest(path, poses=True) if experiment.poses else float(np.linalg.norm(path - path[0], axis=1).max())
-    unit = max(way, 1e-12) if share else 1.0
-    own = motion_traits(experiment.time, modelled, unit, settled=experiment.poses)
+    unit = max(way, least, 1e-12) if share else 1.0
+    own = with_rest(motion_traits(experiment.time, modelled, unit, settled=experiment.poses), least / unit)
     variances = {name: variance_by(own, *map(np.concatenate, zip(*parts, strict=True))) for name, parts in left.items()}
     usual: Array = np.mean(list(variances.values()), axis=0)
     return np.asarray(unit * np.sqrt(np.stack([variances.get(n, usual) for n in experiment.stations], axis=1)))
@@ -265,6 +270,14 @@ def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = Fals
     path = rows[:, -1] / unit
     fast = speed(time, path, settled=settled)
     return np.stack([np.ones(time.size), np.sum((path - path[0]) ** 2, axis=1), fast**2], axis=1)
+
+
+def with_rest(traits: Array, ratio: float) -> Array:
+    """Return the regressors `traits` (T, 3) with a fourth one: the square of the `ratio` of the smallest peak
+    displacement in training to that of the recording. Its coefficient is a variance of one size [m^2] in all
+    recordings, such as that of a base beside its true position.
+    """
+    return np.column_stack([traits, np.full(len(traits), ratio**2)])
 
 
 def variance_by(own: Array, traits: Array, square: Array) -> Array:

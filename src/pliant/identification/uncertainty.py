@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +31,24 @@ class Covariance(NamedTuple):
     between: Array | None = None  # (P, P) SI, scatter between recordings beyond noise; None for fewer than three
     clusters: str = ""  # between what the scatter counts in `matrix`: recordings, or blocks of one; '' for noise alone
     form: Array | None = None  # (P, P) SI, errors of the model's form, which recordings have in common
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Covariance:
+        """Return the covariance from its fields as plain values, such as those of a file.
+
+        Raises
+        ------
+        ValueError
+            When a matrix does not have one finite number for each pair of parameters.
+        """
+        names = tuple(content["names"])
+        arrays = {k: np.array(content[k]) for k in ("matrix", "white", "hidden", "between", "form")
+                  if content.get(k) is not None}  # fmt: skip
+        for field, array in arrays.items():
+            shape = (len(names),) if field == "hidden" else (len(names), len(names))
+            if array.shape != shape or not np.isfinite(array.astype(float)).all():
+                raise ValueError(f"the covariance lacks numbers of its {len(names)} parameters in {field!r}")
+        return cls(**{**content, "names": names, **arrays})
 
     @property
     def std(self) -> list[float | None]:

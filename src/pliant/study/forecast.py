@@ -11,6 +11,7 @@ import numpy as np
 from pliant.errors import InputError, SimulationError
 from pliant.failures import Failures, finite
 from pliant.identification import Experiment, FitResult, predict
+from pliant.identification.beyond_inputs import beyond_inputs
 from pliant.identification.discrepancy import discrepancy
 from pliant.identification.edges import edges
 from pliant.identification.prediction_bands import half_widths
@@ -134,11 +135,12 @@ def case_of(name: str, entry: ForecastEntry, template: Experiment, driven: Mappi
 def tip_lacks(
     result: FitResult, case: Experiment, values: Mapping[str, float], training: Sequence[Experiment], time_step: float,
 ) -> np.ndarray:
-    """Return the standard deviation of the model's additional error where pressure or speed go beyond those in
-    training, for the last station over T frames: (T, axes) in m, or in rad for angles alone.
+    """Return the standard deviation of the model's additional error where inputs or speed go beyond those in training,
+    for the last station over T frames: (T, axes) in m, or in rad for angles alone.
     """
     prediction = predict(result.model, case, values, time_step)
-    return discrepancy(result.model, case, values, prediction["compared"], prediction["pressure"], training)[:, -1]
+    lacks = discrepancy(result.model, case, values, prediction["compared"], prediction["pressure"], training)
+    return np.hypot(lacks, np.sqrt(beyond_inputs(result, case, values, training, time_step)))[:, -1]
 
 
 def other_pressures(template: Experiment, highest: Mapping[str, float]) -> Experiment:

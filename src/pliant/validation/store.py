@@ -378,11 +378,7 @@ def result_of(entry: dict[str, Any], model: Model) -> FitResult:
                   p.get("prior"), p.get("prior_std"))
         for name, p in entry["parameters"].items()
     )
-    stored = entry["covariance"]
-    arrays = ("matrix", "white", "hidden", "between", "form")
-    covariance = None if stored is None else Covariance(**{
-        **stored, "names": tuple(stored["names"]),
-        **{k: np.array(stored[k]) for k in arrays if stored.get(k) is not None}})
+    covariance = None if entry["covariance"] is None else Covariance.from_dict(entry["covariance"])
     return FitResult(
         model, parameters, entry["status"], {}, entry["timing"]["simulated_sets"], entry["timing"]["optimiser_s"],
         entry["converged"], covariance, tuple(entry["notes"]), entry["bic"],
