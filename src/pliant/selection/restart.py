@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from pliant.errors import PliantError
 from pliant.selection.criterion import MATERIAL, at_bounds
 from pliant.selection.fitted import FittedModel
-from pliant.selection.state import SearchState
+from pliant.selection.running import RunningSearch
 from pliant.selection.terms import Term
 
 
-def restarted(search: SearchState, term: Term) -> bool:
+def restarted(search: RunningSearch, term: Term) -> bool:
     """Adopt the model in which one of the chosen terms makes room for another that explains better what it explains, if
     left-out parts are then predicted better by 3 %. Return whether there is one.
 
@@ -41,7 +41,7 @@ def restarted(search: SearchState, term: Term) -> bool:
     return True
 
 
-def rough_parent(search: SearchState, term: Term) -> FittedModel | None:
+def rough_parent(search: RunningSearch, term: Term) -> FittedModel | None:
     """Return the rough fit of the best model without a term: from the present values or, where it is better, from those
     of the other parameters in the first model. None if it cannot be simulated.
     """
@@ -51,7 +51,7 @@ def rough_parent(search: SearchState, term: Term) -> FittedModel | None:
     return next(iter(search.rough_fits(search.model(), [start])), None)
 
 
-def first_choice(search: SearchState, parent: FittedModel, term: Term) -> tuple[FittedModel, Term] | None:
+def first_choice(search: RunningSearch, parent: FittedModel, term: Term) -> tuple[FittedModel, Term] | None:
     """Return what a parent without `term` would take in its place: the rough fit with the term that its screen ranks
     first, and this term; None if that is `term` itself, or cannot be fitted.
     """
@@ -70,7 +70,7 @@ def first_choice(search: SearchState, parent: FittedModel, term: Term) -> tuple[
 
 
 def from_each_row(
-    search: SearchState, parent: FittedModel, term: Term, *more: Term, without: Mapping[str, float] | None = None,
+    search: RunningSearch, parent: FittedModel, term: Term, *more: Term, without: Mapping[str, float] | None = None,
 ) -> list[FittedModel]:
     """Return the rough fits of a parent, which has the terms `more`, with a term from each row of its grid but the one
     `without`, inside the bounds of the term. A screen does not always find the best row of a law that acts

@@ -25,8 +25,8 @@ from pliant.selection.fitted import (
 )
 from pliant.selection.restart import from_each_row, restarted
 from pliant.selection.result import ModelSelection, TriedTerm
+from pliant.selection.running import RunningSearch
 from pliant.selection.screen import TermProposal
-from pliant.selection.state import SearchState
 from pliant.selection.terms import Term
 
 Array = np.ndarray
@@ -39,7 +39,7 @@ OUT_OF_TIME = "the time limit was reached: raise minutes to go on"
 NO_BETTER = "no further term lowers the squared error of left-out parts by 3 %"
 
 
-class Search(SearchState):
+class Search(RunningSearch):
     """A search under way: it adds terms, begins fits anew, and drops terms until none of these helps."""
 
     def run(self) -> ModelSelection:

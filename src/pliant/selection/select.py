@@ -16,10 +16,10 @@ from pliant.options import with_defaults
 from pliant.selection.first_model import Entry, determined
 from pliant.selection.fitted import FitSetting, fitted
 from pliant.selection.result import ModelSelection
+from pliant.selection.running import Notify
 from pliant.selection.saved import SearchFile
 from pliant.selection.search import Search
 from pliant.selection.start import first_model
-from pliant.selection.state import Notify
 from pliant.selection.terms import Term, terms_for
 
 MINUTES = 5.0

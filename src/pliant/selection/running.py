@@ -38,7 +38,7 @@ FEWEST_EVALUATIONS = 3  # of a fit, however little time is left
 
 
 @dataclass
-class SearchState:
+class RunningSearch:
     """The state of a search: the best model so far, the terms that it has, what was tried, and the time that is left.
 
     Attributes
