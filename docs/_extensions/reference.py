@@ -78,7 +78,7 @@ def said(kind: Any) -> str:
     if origin is Annotated:
         return said(inner[0])
     if origin in (list, tuple, dict):
-        words = said(inner[-1])
+        words = said(inner[-1] if origin is dict else inner[0])
         return f"{'table' if origin is dict else 'list'} of {words}{'s' * words.endswith(('number', 'text'))}"
     if hasattr(kind, "model_fields"):
         return f"[{kind.__name__}](#{kind.__name__.lower()})"
@@ -282,13 +282,12 @@ def study_part(name: str) -> Callable[[], str]:
     return rows
 
 
-def study_table(name: str) -> Callable[[], str]:
-    """Function that returns the entries of a table of the study file, such as "Fit"; null stands for no value."""
+def table_of(module: str, name: str) -> Callable[[], str]:
+    """Function that returns the entries of a table of a TOML file, such as "Fit"; null stands for no value."""
 
     def rows() -> str:
-        from pliant.study import schema
-
-        return entries(getattr(schema, name), {}).replace("`null`", "").replace(" or null", "")
+        kind = getattr(importlib.import_module(f"pliant.{module}"), name)
+        return re.sub(r"\[(\w+)\]\(#\w+\)", "table", entries(kind, {}).replace("`null`", "").replace(" or null", ""))
 
     return rows
 
@@ -324,7 +323,8 @@ PARTS = {
     "study-body": study_body,
     **{f"study-{name.lower()}": study_part(name)
        for name in ("Valve", "Memory", "Space", "Chamber", "Tendon", "Extension")},
-    **{f"study-{part}": study_table(name) for part, name in (
+    "camera": table_of("recording.camera", "Camera"), "cores": table_of("sensing.cores", "Cores"),
+    **{f"study-{part}": table_of("study.schema", name) for part, name in (
         ("fibre", "Fibre"), ("reduction", "Reduction"), ("fit", "Fit"), ("adapt", "AdaptEntry"),
         ("selection", "SelectionEntry"), ("forecast", "ForecastEntry"), ("targets", "Targets"))},
     "commands": commands, "model-file": model_file, "metrics-file": metrics_file, "task-file": task_file,
