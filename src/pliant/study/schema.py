@@ -60,16 +60,17 @@ class Fibre(StudyEntry):
     """
 
     body_length: float = Field(description="distance from base to tip along the fibre, m")
-    cap_curvature: float | None = Field(
-        None, description="curvature of the cap, 1/m; positive if it bends like the body under positive pressure")
-    cap_length: float | None = Field(None, description="length of the fibre in the cap, m")
-    start: float | None = Field(None, ge=0, description="instead of the cap: length of fibre before the body, m")
+    cap_curvature: float | None = Field(default=None, description=(
+        "curvature of the cap, 1/m; positive if it bends like the body under positive pressure"))
+    cap_length: float | None = Field(default=None, description="length of the fibre in the cap, m")
+    start: float | None = Field(
+        default=None, ge=0, description="instead of the cap: length of fibre before the body, m")
     gauge_length: float | None = Field(
-        None, description="length over which the sensor averages, m; by default one spacing of the points")
-    rest: tuple[float, float] | None = Field(
-        None, description="start and end of the rest, s; by default before the pressure rises or the body first moves")
+        default=None, description="length over which the sensor averages, m; by default one spacing of the points")
+    rest: tuple[float, float] | None = Field(default=None, description=(
+        "start and end of the rest, s; by default before the pressure rises or the body first moves"))
     clamp_length: float = Field(
-        0.012, description="length of straight fibre at its start, which gives the base tangent, m")
+        default=0.012, description="length of straight fibre at its start, which gives the base tangent, m")
 
     @model_validator(mode="after")
     def one_end(self) -> Fibre:
@@ -215,13 +216,13 @@ class Targets(StudyEntry):
     """Limits of the prediction errors, with which the report compares the results."""
 
     rmse_percent_of_travel: float | None = Field(
-        None, description="error of each held-out recording, in % of its peak displacement")
-    frequency_percent: float | None = Field(None, description=(
+        default=None, description="error of each held-out recording, in % of its peak displacement")
+    frequency_percent: float | None = Field(default=None, description=(
         "difference of the ring-down's frequency, in % of the measured one; of large and of small swings separately, "
         "if a recording shows both"))
-    damping_percent: float | None = Field(None, description="difference of the damping ratio, likewise")
+    damping_percent: float | None = Field(default=None, description="difference of the damping ratio, likewise")
     steady_state_percent: float | None = Field(
-        None, description="difference of the plateau, in % of the measured value")
+        default=None, description="difference of the plateau, in % of the measured value")
 
 
 class Study(StudyEntry):
