@@ -15,7 +15,7 @@ import re
 import types
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 SHAPED = re.compile(r"\w+\[[~\w.]*(?:ndarray|Array), ' ?([^']*)'\]")  # evaluated, or as it is written
 MARK = re.compile(r"<!-- made from the code: ([\w-]+) -->")
@@ -75,9 +75,11 @@ def said(kind: Any) -> str:
         return " or ".join(f"`{json.dumps(v)}`" for v in inner)
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(said(k) for k in inner))
-    if origin in (list, dict):
-        words = said(inner[-1])
-        return f"{'list' if origin is list else 'table'} of {words}{'s' * words.endswith(('number', 'text'))}"
+    if origin is Annotated:
+        return said(inner[0])
+    if origin in (list, tuple, dict):
+        words = said(inner[-1] if origin is dict else inner[0])
+        return f"{'table' if origin is dict else 'list'} of {words}{'s' * words.endswith(('number', 'text'))}"
     if hasattr(kind, "model_fields"):
         return f"[{kind.__name__}](#{kind.__name__.lower()})"
     return WORDS.get(kind, "any")
@@ -105,15 +107,20 @@ def schema(top: Any, meanings: dict[str, str]) -> str:
     """A file: its entries, and those of the tables in it."""
     made = []
     for kind in classes(top):
-        rows = []
-        for name, field in kind.model_fields.items():
-            shown = field.alias or name
-            default = "needed" if field.is_required() else f"`{json.dumps(as_json(field.get_default()))}`"
-            meaning = field.description or meanings.get(f"{kind.__name__}.{name}") or meanings.get(name, "")
-            rows.append((f"`{shown}`", said(field.annotation), default if len(default) < 40 else "", meaning))
         title = [] if kind is top else [f"### {kind.__name__}", first_line(kind)]
-        made += [*title, table(("entry", "type", "default", "meaning"), rows)]
+        made += [*title, entries(kind, meanings)]
     return "\n\n".join(made)
+
+
+def entries(kind: Any, meanings: dict[str, str]) -> str:
+    """Entries of one table of a file, with their types, defaults and meanings."""
+    rows = []
+    for name, field in kind.model_fields.items():
+        shown = field.alias or name
+        default = "needed" if field.is_required() else f"`{json.dumps(as_json(field.get_default()))}`"
+        meaning = field.description or meanings.get(f"{kind.__name__}.{name}") or meanings.get(name, "")
+        rows.append((f"`{shown}`", said(field.annotation), default if len(default) < 40 else "", meaning))
+    return table(("entry", "type", "default", "meaning"), rows)
 
 
 def as_json(value: Any) -> Any:
@@ -275,6 +282,16 @@ def study_part(name: str) -> Callable[[], str]:
     return rows
 
 
+def table_of(module: str, name: str) -> Callable[[], str]:
+    """Function that returns the entries of a table of a TOML file, such as "Fit"; null stands for no value."""
+
+    def rows() -> str:
+        kind = getattr(importlib.import_module(f"pliant.{module}"), name)
+        return re.sub(r"\[(\w+)\]\(#\w+\)", "table", entries(kind, {}).replace("`null`", "").replace(" or null", ""))
+
+    return rows
+
+
 def checks() -> str:
     """Every plausibility check: what it examines, and its limits."""
     from pliant.preprocessing.plausibility import CHECKS
@@ -306,6 +323,10 @@ PARTS = {
     "study-body": study_body,
     **{f"study-{name.lower()}": study_part(name)
        for name in ("Valve", "Memory", "Space", "Chamber", "Tendon", "Extension")},
+    "camera": table_of("recording.camera", "Camera"), "cores": table_of("sensing.cores", "Cores"),
+    **{f"study-{part}": table_of("study.schema", name) for part, name in (
+        ("fibre", "Fibre"), ("reduction", "Reduction"), ("fit", "Fit"), ("adapt", "AdaptEntry"),
+        ("selection", "SelectionEntry"), ("forecast", "ForecastEntry"), ("targets", "Targets"))},
     "commands": commands, "model-file": model_file, "metrics-file": metrics_file, "task-file": task_file,
     "checks": checks, "selection-terms": selection_terms, "targets": targets,
     "metrics": metrics, "parameters": parameters, "names": names,

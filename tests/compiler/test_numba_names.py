@@ -24,16 +24,11 @@ NAMES = {
     "numba.core.codegen": {"JITCodeLibrary"},
     "numba.core.compiler": {"Compiler"},
     "numba.core.compiler_lock": {"global_compiler_lock"},
-    "numba.core.extending": {
-        "intrinsic", "lower_builtin", "lower_cast", "make_attribute_wrapper", "models", "overload", "register_jitable",
-        "register_model"},
-    "numba.core.imputils": {"impl_ret_borrowed"},
     "numba.core.registry": {"cpu_target"},
     "numba.core.runtime.nrt": {"rtsys"},
     "numba.core.typeconv.castgraph": {"Conversion"},
-    "numba.core.typing.templates": {"AbstractTemplate", "infer_global", "signature"},
     "numba.misc.appdirs": {"AppDirs"},
-    "numba.np.arrayobj": {"make_array", "populate_array"},
+    "numba.np.arrayobj": {"populate_array"},
 }
 METHODS = {  # of Numba's classes, called or overridden
     ("numba.core.caching", "FunctionCache"): {

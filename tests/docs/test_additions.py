@@ -41,7 +41,7 @@ def test_the_page_explains_parameters_that_a_fit_has():
     section = page("studies").split("| parameter | what it means")[1].split("\n\n")[0]
     rows = re.findall(r"^\| (`[^|]*) \|", section, re.MULTILINE)
     words = [re.sub(r"<\w>", "1", word.strip('"')) for row in rows for word in re.findall(r"`([^`\s]+)`", row)]
-    assert len(rows) > 30
+    assert len(rows) > 20  # the others have no more to say than the generated list of metrics.md
     assert [word for word in words if find_path(word) is None] == []
 
 

@@ -34,7 +34,7 @@ CHOSEN = {  # page -> section -> why its numbers need no source
     "real_time.md": {"what-vents-and-when": "settings"},
     "scaling_out.md": {"a-sweep": "defaults, an example", "a-cluster": "an example of a setting"},
     "studies.md": {
-        "adapt": "defaults", "alignment": "a bound that is set", "reduction": "defaults",
+        "alignment": "a bound that is set",
     },
     "time_step.md": {"time-step-and-accuracy": "a bound that is set", "where-a-time-step-is-fixed": "defaults"},
     "your_own_camera.md": {"filming": "1.5 m/s times 1 ms"},

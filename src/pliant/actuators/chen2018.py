@@ -23,7 +23,6 @@ FRAME_RATE = 75.0  # Hz
 PULSE_PRESSURE = 119e3  # Pa, from 0.12 s for 2.76 s
 PULSE_START = 0.12
 PULSE_WIDTH = 2.76
-STEP_PRESSURE = 240e3  # Pa, the step of the shape study
 
 
 SOURCE = "Chen, Galloway, Godage, Secs. II and III"

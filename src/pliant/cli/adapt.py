@@ -13,7 +13,7 @@ from pliant.errors import InputError
 
 
 class DayOptions(TypedDict):
-    """Further options of the command, which typer takes from `also_takes`."""
+    """Options of `pliant adapt` that are declared apart, because a function takes at most eight parameters."""
 
     warm_up: Annotated[
         float | None, typer.Option("--warm-up", parser=in_unit("s", least=0.0), help="Time from the first frame that "

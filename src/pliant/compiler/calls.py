@@ -11,7 +11,7 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.extending import intrinsic
+from numba.extending import intrinsic
 
 from pliant.compiler import machine_code
 from pliant.compiler.cache import kept
@@ -37,9 +37,7 @@ def leaves(name: str, kind: Any) -> Iterator[tuple[str, Any, tuple[int, ...]]]:
 
 def array_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """Return the parts of an array, such as its shape, from its Numba type and LLVM value."""
-    from numba.np.arrayobj import make_array  # slow import, not needed for loops from the cache
-
-    return make_array(kind)(context, builder, value)
+    return context.make_array(kind)(context, builder, value)
 
 
 class Arguments:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import types
 from numba.core import cgutils
-from numba.core.extending import (
+from numba.extending import (
     intrinsic,
     lower_builtin,
     lower_cast,
@@ -22,8 +22,8 @@ from numba.core.extending import (
     overload,
     register_jitable,
     register_model,
+    type_callable,
 )
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
 from pliant.compiler.simd import NUMBERS, Wide, vector
 from pliant.compiler.width import SLOTS
@@ -121,12 +121,13 @@ class _Rules:
 def _define(operation: Any, rule: str) -> None:
     """Register with Numba an operator of two numbers, at least one of which is a dual number."""
 
-    @infer_global(operation)
-    class _Typed(AbstractTemplate):
-        def generic(self, args: Any, _kws: Any) -> Any:
-            if len(args) == 2 and dual in args and all(a == dual or isinstance(a, NUMBERS) for a in args):
-                return signature(dual, *(a if a == dual else types.float64 for a in args))
-            return None
+    @type_callable(operation)
+    def _typed(_context: Any) -> Any:
+        def signature(*args: Any) -> Any:
+            fits = len(args) == 2 and dual in args and all(a == dual or isinstance(a, NUMBERS) for a in args)
+            return dual(*(a if a == dual else types.float64 for a in args)) if fits else None
+
+        return signature
 
     def lowered(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         (a, da), (b, db) = (parts(context, builder, k, v) for k, v in zip(sig.args, args, strict=True))
@@ -141,10 +142,9 @@ for _name in ("add", "sub", "mul", "truediv"):
     _define(getattr(operator, f"i{_name}"), _name)
 
 
-@infer_global(operator.neg)
-class _Negative(AbstractTemplate):
-    def generic(self, args: Any, _kws: Any) -> Any:
-        return signature(dual, dual) if args == (dual,) else None
+@type_callable(operator.neg)
+def _negative(_context: Any) -> Any:
+    return lambda x: dual(dual) if x == dual else None
 
 
 @lower_builtin(operator.neg, Dual)  # type: ignore[untyped-decorator]

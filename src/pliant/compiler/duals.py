@@ -13,14 +13,11 @@ from typing import Any
 
 import numpy as np
 from numba import types
-from numba.core import cgutils
-from numba.core.extending import intrinsic, register_jitable
-from numba.core.imputils import impl_ret_borrowed
-from numba.np.arrayobj import populate_array
+from numba.extending import intrinsic, register_jitable
 
 from pliant.compiler.cache import kept
 from pliant.compiler.dual_numbers import dual, joined, parts
-from pliant.compiler.simd import aligned, vector
+from pliant.compiler.simd import aligned, borrowed, rows_as_numbers, vector
 from pliant.compiler.width import SLOTS, WIDTH
 
 __all__ = ["CARRYING", "SLOTS", "WIDTH", "duals", "from_floats"]
@@ -49,17 +46,10 @@ def _taken(context: Any, builder: Any, kind: Any, value: Any) -> Any:
         return context.make_tuple(builder, dual_kind, parts)
     if dual_kind == kind:
         return value
-    source = context.make_array(kind)(context, builder, value)
-    data = builder.bitcast(source.data, context.get_value_type(dual).as_pointer())
     if dual_kind == dual:
-        return builder.load(data)
-    array = context.make_array(dual_kind)(context, builder)
-    shape, strides = (cgutils.unpack_tuple(builder, part)[:-1] for part in (source.shape, source.strides))
-    populate_array(
-        array, data=data, shape=cgutils.pack_array(builder, shape), strides=cgutils.pack_array(builder, strides),
-        itemsize=context.get_constant(types.intp, 8 * SLOTS), meminfo=source.meminfo, parent=source.parent,
-    )
-    return impl_ret_borrowed(context, builder, dual_kind, array._getvalue())  # noqa: SLF001
+        data = context.make_array(kind)(context, builder, value).data
+        return builder.load(builder.bitcast(data, context.get_value_type(dual).as_pointer()))
+    return borrowed(context, builder, dual_kind, rows_as_numbers(context, builder, kind, dual_kind, value))
 
 
 @intrinsic

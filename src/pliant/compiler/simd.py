@@ -16,7 +16,8 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.extending import (
+from numba.core.typeconv.castgraph import Conversion
+from numba.extending import (
     intrinsic,
     lower_builtin,
     lower_cast,
@@ -24,10 +25,8 @@ from numba.core.extending import (
     overload,
     register_jitable,
     register_model,
+    type_callable,
 )
-from numba.core.imputils import impl_ret_borrowed
-from numba.core.typeconv.castgraph import Conversion
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.np.arrayobj import populate_array
 
 from pliant.compiler.width import WIDTH
@@ -85,13 +84,13 @@ def _repeat(context: Any, builder: Any, kind: Any, _lanes: Any, value: Any) -> A
 def _define(operation: Any, instruction: str, operands: int) -> None:
     """Register with Numba an operator of vectors, implemented by one LLVM instruction."""
 
-    @infer_global(operation)
-    class _Typed(AbstractTemplate):
-        def generic(self, args: Any, _kws: Any) -> Any:
-            fits = len(args) == operands and vector in args
-            if fits and all(a == vector or isinstance(a, NUMBERS) for a in args):
-                return signature(vector, *[vector] * operands)
-            return None
+    @type_callable(operation)
+    def _typed(_context: Any) -> Any:
+        def signature(*args: Any) -> Any:
+            fits = len(args) == operands and vector in args and all(a == vector or isinstance(a, NUMBERS) for a in args)
+            return vector(*[vector] * operands) if fits else None
+
+        return signature
 
     @lower_builtin(operation, *[Lanes] * operands)  # type: ignore[untyped-decorator]
     def _lowered(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
@@ -176,23 +175,30 @@ def as_lanes(_context: Any, array: Any) -> Any:
     result = types.Array(vector, array.ndim - 1, "C")
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        wide = _array_of_vectors(context, builder, array, result, args[0])
-        return impl_ret_borrowed(context, builder, result, wide)
+        return borrowed(context, builder, result, rows_as_numbers(context, builder, array, result, args[0]))
 
     return result(array), generate
 
 
-def _array_of_vectors(context: Any, builder: Any, array: Any, result: Any, value: Any) -> Any:
-    """Return a float array (..., WIDTH) as an array (...) of vectors of the Numba type `result`."""
+def rows_as_numbers(context: Any, builder: Any, array: Any, result: Any, value: Any) -> Any:
+    """Return a float array (..., k) as an array (...) of the Numba type `result`, whose numbers are k floats."""
     source = context.make_array(array)(context, builder, value)
     wide = context.make_array(result)(context, builder)
     shape, strides = (cgutils.unpack_tuple(builder, part)[:-1] for part in (source.shape, source.strides))
     populate_array(
         wide, data=builder.bitcast(source.data, wide.data.type), shape=cgutils.pack_array(builder, shape),
-        strides=cgutils.pack_array(builder, strides), itemsize=context.get_constant(types.intp, _ALIGN),
-        meminfo=source.meminfo, parent=source.parent,
+        strides=cgutils.pack_array(builder, strides),
+        itemsize=context.get_constant(types.intp, result.dtype.bitwidth // 8), meminfo=source.meminfo,
+        parent=source.parent,
     )
     return wide._getvalue()  # noqa: SLF001  Numba's own way
+
+
+def borrowed(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Return a value that shares memory with an argument, after counting one more reference to this memory."""
+    if context.enable_nrt:
+        context.nrt.incref(builder, kind, value)
+    return value
 
 
 @intrinsic
@@ -213,8 +219,8 @@ def lanes_of(_context: Any, record: Any) -> Any:
                 data = context.make_array(array)(context, builder, value).data
                 parts.append(builder.load(builder.bitcast(data, _DOUBLES.as_pointer()), align=_ALIGN))
             else:
-                parts.append(_array_of_vectors(context, builder, array, kind, value))
-        return impl_ret_borrowed(context, builder, result, context.make_tuple(builder, result, parts))
+                parts.append(rows_as_numbers(context, builder, array, kind, value))
+        return borrowed(context, builder, result, context.make_tuple(builder, result, parts))
 
     return result(record), generate
 

@@ -285,8 +285,8 @@ def kept_by(kernel: FunctionType) -> tuple[str, ...]:
 
 
 def passed(kernel: FunctionType, paths: Iterable[str]) -> list[str]:
-    """Return those of the arguments' arrays and numbers that matter to a kernel: all but scratch arrays which neither
-    bring numbers from another kernel nor leave numbers for the caller.
+    """Return the paths of a kernel's inputs and results. Scratch arrays are left out, unless the kernel reads from them
+    what another kernel wrote, or leaves results in them.
     """
     results = {*kept_by(kernel), *READ.get(kernel.__name__, ())}
     return [path for path in paths if not path.startswith("work.") or path in results]

@@ -51,8 +51,8 @@ def which_outputs(model: Model, outputs: tuple[str, ...]) -> list[int]:
 
 
 def tip_geometry(model: Model, outputs: tuple[str, ...]) -> tuple[FilterFrame, Sight]:
-    """Return the named outputs of the tip as rows of a measurement, with scratch arrays, as compiled kernels take them:
-    the arguments `frame` and `sight` of `observation.outputs`.
+    """Return the arguments `frame` and `sight` of `observation.outputs` for the named outputs of the tip: one row for
+    each output, and scratch arrays.
     """
     chain = mechanics_of(model)
     kinds = list(chain.outputs.values())

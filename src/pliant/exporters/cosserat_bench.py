@@ -46,7 +46,7 @@ class ChainSolver:
     capabilities: ClassVar[frozenset[Capability]] = frozenset()
 
     def settings(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> dict[str, Any]:  # noqa: ARG002
-        """Return the numerical choices of a run."""
+        """Return the integrator and time step of a run, for the table of results."""
         if scenario.quasi_static:
             return {"integrator": "none: Newton's method for the equilibrium"}
         return {"integrator": "linearly implicit midpoint rule", "time_step": TIME_STEP * self.time_step_scale}

@@ -60,7 +60,8 @@ def check_extras(exp: Any) -> None:
     if exp.arc_length is not None and not (
         exp.arc_length.shape == (len(exp.stations),) and np.all(np.diff(exp.arc_length) > 0)
     ):
-        raise InputError(f"experiment {exp.name}: arc_length must have one rising value for each station")
+        raise InputError(f"experiment {exp.name}: arc_length must hold one length [m] for each of the "
+                         f"{len(exp.stations)} stations, increasing from base to tip")
 
 
 def check_excitation(exp: Any) -> None:

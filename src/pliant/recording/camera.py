@@ -65,32 +65,31 @@ class Board(FileMapping):
 
 
 class Camera(FileMapping):
-    """Calibration of a camera that films the plane of bending: frame rate, scale, lens distortion and orientation.
+    """Calibration of a camera that films the plane of bending: frame rate, scale, lens distortion and orientation."""
 
-    Attributes
-    ----------
-    rate_hz : float, optional
-        Frames a second; needed where a file has no times.
-    pixels_per_mm, scale, plane, board : one of them
-        The scale; see the module.
-    lens : Lens, optional
-        Lens distortion, which is corrected first (extra ``camera``).
-    exposure_ms, readout_ms : float, optional
-        Time that the shutter is open, and delay between reading the first and the last row of the picture. Both set
-        the uncertainty of a video's times.
-    axes : two of "+x", "-x", "+y", "-y"
-        Which directions of the picture's plane (x right, y up) become x and y, for a camera that was turned.
-    """
-
-    rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    pixels_per_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    scale: Scale | None = None
-    plane: Plane | None = None
-    board: Board | None = None
-    lens: Lens | None = None
-    exposure_ms: float | None = Field(default=None, ge=0, allow_inf_nan=False)
-    readout_ms: float | None = Field(default=None, ge=0, allow_inf_nan=False)
-    axes: tuple[Axis, Axis] = ("+x", "+y")
+    rate_hz: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="frames a second, where the file has no times")
+    pixels_per_mm: float | None = Field(
+        None, gt=0, allow_inf_nan=False, description="the scale; or instead one of the next three entries")
+    scale: Scale | None = Field(None, description=(
+        "`{ points = [[412, 900], [832, 900]], distance_mm = 100.0 }`: two points of the picture and their distance"))
+    plane: Plane | None = Field(None, description=(
+        "`{ pixels = [[..], [..], [..], [..]], mm = [[0, 0], [100, 0], [100, 150], [0, 150]] }`: four points or more "
+        "of the plane of bending, for a camera that looks at it from the side"))
+    board: Board | None = Field(None, description=(
+        '`{ picture = "board.png", kind = "chessboard", columns = 7, rows = 5, side_mm = 15.0 }`: a board in that '
+        'plane, with its inner corners; or `kind = "aruco"` or `"apriltag"` and the side of the one marker '
+        "(extra `camera`)"))
+    lens: Lens | None = Field(None, description=(
+        "`{ focal = [fx, fy], centre = [cx, cy], coefficients = [k1, k2, p1, p2, k3] }` as OpenCV has them: corrected "
+        "first (extra `camera`)"))
+    exposure_ms: float | None = Field(None, ge=0, allow_inf_nan=False, description=(
+        "time that the shutter is open; this and the next entry give the uncertainty of a film's times"))
+    readout_ms: float | None = Field(None, ge=0, allow_inf_nan=False, description=(
+        "delay between reading the first and the last row of the picture"))
+    axes: tuple[Axis, Axis] = Field(("+x", "+y"), description=(
+        "which directions of the picture (x right, y up, whereas pixels count downwards) become x and y: "
+        '`["+y", "-x"]` for a camera that was turned'))
 
     @model_validator(mode="after")
     def _says_one_scale(self) -> Self:

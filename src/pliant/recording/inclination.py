@@ -223,7 +223,8 @@ def _from_gravity(values: NDArray, name: str, file: str) -> tuple[NDArray, float
     turned = np.unwrap(np.arctan2(unit @ axes[0], unit @ middle))
     if np.ptp(turned) < LEAST_TURN:
         raise InputError(f"{file}: gravity hardly turns in the axes of {clipped(name, 40)} (by {np.ptp(turned):.2g} "
-                         "rad), as when a body moves in a horizontal plane: its accelerations do not show its angle")
+                         "rad), as when a body moves in a horizontal plane: its accelerations do not show its angle; "
+                         "use the sensor's orientation")
     return _upwards(turned, known), float(size[1] / size[0])
 
 

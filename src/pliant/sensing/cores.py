@@ -31,14 +31,18 @@ class Cores(FileMapping):
     hold their strain.
     """
 
-    radius_um: float = Field(gt=0)  # distance of the outer cores from the axis of the fibre
-    outer: int = Field(3, ge=2)  # number of outer cores, evenly spread
-    centre: bool = True  # a centre core comes first
-    first_angle_deg: float = 0.0  # of the first outer core
-    pitch_mm: float | None = None  # length of one turn of a spun fibre, positive for a right-handed helix
-    common_mode: Literal["least-squares", "centre"] = "least-squares"
-    bridge: int = Field(0, ge=0)  # neighbouring gauges without a value that are interpolated, at most
-    files: tuple[str, ...] = ()  # parts of file names, one a core; the first is in the name of the file read
+    radius_um: float = Field(gt=0, description="distance of the outer cores from the axis of the fibre")
+    outer: int = Field(3, ge=2, description="number of outer cores, evenly spread")
+    centre: bool = Field(True, description="whether a centre core comes first")
+    first_angle_deg: float = Field(0.0, description="angle of the first outer core")
+    pitch_mm: float | None = Field(
+        None, description="length of one turn of a spun fibre, positive for a right-handed helix; none: straight cores")
+    common_mode: Literal["least-squares", "centre"] = Field("least-squares", description=(
+        "how the strain that all cores share is found: by least squares, or from the centre core"))
+    bridge: int = Field(0, ge=0, description=(
+        "largest number of neighbouring gauges without a value that are interpolated (and counted)"))
+    files: tuple[str, ...] = Field((), description=(
+        "parts of the file names, the first in the name of the file that is given; none: one file holds all cores"))
 
     def layout(self) -> CoreLayout:
         """Return the positions of the cores in the cross-section of the fibre as a `CoreLayout`."""

@@ -52,7 +52,8 @@ def read_base(
     time, position, axes = named or poses_of(read(path, mapping=dict(mapping) if mapping else None), path.name)
     known = np.isfinite(position).all(axis=1) & np.isfinite(axes).all(axis=(1, 2))
     if not known.any():
-        raise InputError(f"{path.name} has no known pose of a base: check its columns")
+        raise InputError(f"{path.name} has no row with a complete pose of the base (position and angle, in space "
+                         "position and quaternion): check its columns")
     first = int(np.argmax(known))
     place, turned = (position - position[first]) @ axes[first], axes[first].T @ axes
     if dimension == 3:

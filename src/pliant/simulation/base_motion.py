@@ -21,7 +21,6 @@ from pliant.simulation import state
 
 Array = np.ndarray
 LEAST_POSES = 6  # of a quintic spline
-SMOOTHEST = 5  # least number of poses for a smoothing spline
 
 
 class BaseStates(NamedTuple):

@@ -24,7 +24,16 @@ Weighting = Literal["travel", "metre", "noise", "decay"]
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 TermName = Annotated[str, AfterValidator(known_term)]
 SPREAD = 0.15  # standard deviation between robots of a kind, as a fraction of each parameter
-Replicates = Field(0, ge=0, le=10_000)  # of a block bootstrap for the standard errors; 0: the sandwich formula
+WEIGHTING: Any = Field("travel", description=(
+    "errors relative to the peak displacement of each recording; `metre`: absolute; `noise`: relative to each "
+    "station's noise, stated or estimated; `decay`: relative to the motion still to come, so that small swings count "
+    "as much as large ones"))
+LOSS: Any = Field("linear", description=(
+    "all but `linear` limit the influence of outliers beyond 1 % of the peak displacement"))
+REPLICATES: Any = Field(0, ge=0, le=10_000, description=(
+    "replicates of a block bootstrap for the standard errors, usually 200; 0: the sandwich formula"))
+TRAIN: Any = Field(description="training recordings, all fitted together")
+HELD_OUT: Any = Field([], description="recordings to predict")
 
 
 def as_list(entry: Any) -> Any:
@@ -50,14 +59,18 @@ class Fibre(StudyEntry):
     the body, determines which part of the fibre lies in the body.
     """
 
-    body_length: float  # m, along the fibre
-    cap_curvature: float | None = None  # 1/m, positive if it bends as the body does under positive pressure
-    cap_length: float | None = None  # m; the base is one body length before the cap
-    start: float | None = Field(default=None, ge=0)  # m along the fibre to the base, if no cap marks the tip
-    gauge_length: float | None = None  # m, over which the sensor averages
-    rest: tuple[float, float] | None = None  # s, when the body is at rest; default: before the pressure or the motion
-    clamp_length: float = 0.012  # m of straight fibre in the clamp, which gives the base tangent
-
+    body_length: float = Field(description="distance from base to tip along the fibre, m")
+    cap_curvature: float | None = Field(default=None, description=(
+        "curvature of the cap, 1/m; positive if it bends like the body under positive pressure"))
+    cap_length: float | None = Field(default=None, description="length of the fibre in the cap, m")
+    start: float | None = Field(
+        default=None, ge=0, description="instead of the cap: length of fibre before the body, m")
+    gauge_length: float | None = Field(
+        default=None, description="length over which the sensor averages, m; by default one spacing of the points")
+    rest: tuple[float, float] | None = Field(default=None, description=(
+        "start and end of the rest, s; by default before the pressure rises or the body first moves"))
+    clamp_length: float = Field(
+        default=0.012, description="length of straight fibre at its start, which gives the base tangent, m")
 
     @model_validator(mode="after")
     def one_end(self) -> Fibre:
@@ -71,13 +84,19 @@ class Fibre(StudyEntry):
 class Reduction(StudyEntry):
     """The approximation of a shape, recorded at many points along the body, by a chain of links."""
 
-    recording: str | None = None  # recording whose shape determines the links; default: the first
-    links: int | None = Field(None, ge=1, le=64)  # None: the lowest order within the bound
-    bound_mm: float = Field(3.0, gt=0)
-    max_order: int = Field(8, ge=2, le=64)
-    boundary: str = "clamped+not-a-knot"
-    placement: Literal["equal", "best"] = "equal"
-    joint_placement: Literal["base", "midsegment"] = "base"  # where in its segment each joint sits
+    recording: str | None = Field(
+        None, description="recording whose shape is used, by default the first: choose the one with the largest bend")
+    links: int | None = Field(
+        None, ge=1, le=64, description="number of links, if you choose it; by default the lowest within the bound")
+    bound_mm: float = Field(
+        3.0, gt=0, description="largest allowed error of the reconstructed shape in any frame")
+    max_order: int = Field(8, ge=2, le=64, description="highest order to try")
+    boundary: str = Field(
+        "clamped+not-a-knot", description="end conditions of the spline; also `not-a-knot`, `natural`")
+    placement: Literal["equal", "best"] = Field("equal", description=(
+        "joints at equal arc length, or at the positions with the smallest largest error"))
+    joint_placement: Literal["base", "midsegment"] = Field("base", description=(
+        "position of each joint in its segment; in the middle, the joint stiffness corresponds to the physical one"))
 
 
 class Recording(StudyEntry):
@@ -120,31 +139,42 @@ class Recording(StudyEntry):
 class Fit(StudyEntry):
     """One fit: its free parameters, the recordings to train on and to hold out, and options of the optimisation."""
 
-    title: str = ""
-    train: list[str]
-    held_out: list[str] = []
-    parameters: dict[str, float | Literal["free"] | dict[str, Any]]
-    weighting: Weighting = "travel"
-    loss: Loss = "linear"
-    starts: int = Field(3, ge=1, le=100)
-    joint_placement: Literal["base", "midsegment"] | None = None  # of this fit; default: the actuator's
-    links: int | None = Field(None, ge=1, le=100)  # of this fit; default: the study's
-    regularise: bool = False  # fit even if the recordings do not determine all parameters
-    bootstrap: int = Replicates
+    title: str = Field("", description="name in the report")
+    train: list[str] = TRAIN
+    held_out: list[str] = HELD_OUT
+    parameters: dict[str, float | Literal["free"] | dict[str, Any]] = Field(description=(
+        "each `free` (estimated start value), a number (free, with this start value), or a table with `value`, "
+        "`lower`, `upper`, `free`, `source`, `prior` and `prior_std` (prior knowledge), `shrink` (joints towards their "
+        "mean)"))
+    weighting: Weighting = WEIGHTING
+    loss: Loss = LOSS
+    starts: int = Field(3, ge=1, le=100, description=(
+        "number of starts: the estimate, the optima of smaller fits that this one contains, and random values around "
+        "the estimate"))
+    joint_placement: Literal["base", "midsegment"] | None = Field(None, description=(
+        "of this fit, by default the actuator's; the verdict then compares bending stiffness and error. Not with "
+        "[reduction]"))
+    links: int | None = Field(None, ge=1, le=100, description=(
+        "of this fit, by default the actuator's. Not with [reduction], chambers or tendons"))
+    regularise: bool = Field(False, description=(
+        "fit although the recordings do not determine all parameters; otherwise the fit stops and names them"))
+    bootstrap: int = REPLICATES
 
 
 class SelectionEntry(StudyEntry):
     """Model selection: the terms of the model are chosen from the training recordings; the others judge the choice."""
 
-    train: list[str]
-    held_out: list[str] = []
-    common: dict[str, float | Literal["free"] | dict[str, Any]] = {}  # free in every model
-    terms: list[TermName] = []  # names of `pliant.selection.TERMS` that may be added; all when empty
-    without: list[TermName] = []  # names of terms that may not be added
-    minutes: float = Field(5.0, gt=0, le=1e4)  # time limit
-    weighting: Weighting = "travel"
-    loss: Loss = "linear"
-    bootstrap: int = Replicates
+    train: list[str] = TRAIN
+    held_out: list[str] = HELD_OUT
+    common: dict[str, float | Literal["free"] | dict[str, Any]] = Field({}, description=(
+        "as `parameters` of a fit: free in every model, such as the position of a marker"))
+    terms: list[TermName] = Field([], description="names of the terms that may be added; all by default")
+    without: list[TermName] = Field([], description="names of terms that may not be added")
+    minutes: float = Field(5.0, gt=0, le=1e4, description=(
+        "time limit, at which the best model so far is the result, and the verdict says so; or `pliant run --minutes`"))
+    weighting: Weighting = WEIGHTING
+    loss: Loss = LOSS
+    bootstrap: int = REPLICATES
 
 
 class WiringEntry(StudyEntry):
@@ -159,32 +189,40 @@ class WiringEntry(StudyEntry):
 class ForecastEntry(StudyEntry):
     """A prediction for a case that was not recorded."""
 
-    title: str = ""
-    like: str  # recording with the same excitation
-    fit: str = ""  # fit whose model predicts; default: the first
-    known: dict[str, float] = {}
-    level: float | None = None
-    pressures: dict[str, float] = {}  # input -> peak, with the recording's time series; others stay constant
-    pressure_unit: str = "Pa"  # of pressures; those of tendons are in N, m or rad
+    title: str = Field("", description="name in the report")
+    like: str = Field(description="the recording whose excitation the forecast uses")
+    fit: str = Field("", description="the fit whose model makes the forecast; by default the study's first")
+    known: dict[str, float] = Field(
+        {}, description="differences from this recording, such as `{ tip_mass = 0.101 }`")
+    level: float | None = Field(None, description="pressure of a pulse or step")
+    pressures: dict[str, float] = Field({}, description=(
+        "if the inputs were measured, the highest of each driven chamber or tendon: `{ left = 60.0, right = 60.0 }`; "
+        "one unnamed chamber is called `chamber`"))
+    pressure_unit: str = Field("Pa", description="of the pressures; tensions and others are in SI units")
 
 
 class AdaptEntry(StudyEntry):
     """Another day: a fitted model is adapted to the first seconds of recordings, and judged on the rest."""
 
-    recordings: list[str] = Field(min_length=1)  # of the other day, in their order
-    fit: str = ""  # fit to start from; default: the adaptation before this one, or the first fit
-    seconds: float = Field(20.0, gt=0)  # s of motion to fit, warm-up included
-    of_a_kind: bool = False  # another robot of the kind, not the same one on another day
-    spread: float = Field(SPREAD, gt=0)  # standard deviation between robots of a kind, as a fraction of each parameter
+    recordings: list[str] = Field(min_length=1, description="recordings of the day, in their order")
+    fit: str = Field("", description="fit to start from; by default the adaptation before, or the first fit")
+    seconds: float = Field(20.0, gt=0, description="duration of the motion to fit, s, warm-up included")
+    of_a_kind: bool = Field(False, description="whether the recordings are of another robot of the kind")
+    spread: float = Field(SPREAD, gt=0, description=(
+        "with `of_a_kind`: standard deviation between robots, as a fraction of each parameter"))
 
 
 class Targets(StudyEntry):
     """Limits of the prediction errors, with which the report compares the results."""
 
-    rmse_percent_of_travel: float | None = None
-    frequency_percent: float | None = None  # for large and small swings, if both were recorded
-    damping_percent: float | None = None  # of the damping ratio, likewise
-    steady_state_percent: float | None = None
+    rmse_percent_of_travel: float | None = Field(
+        default=None, description="error of each held-out recording, in % of its peak displacement")
+    frequency_percent: float | None = Field(default=None, description=(
+        "difference of the ring-down's frequency, in % of the measured one; of large and of small swings separately, "
+        "if a recording shows both"))
+    damping_percent: float | None = Field(default=None, description="difference of the damping ratio, likewise")
+    steady_state_percent: float | None = Field(
+        default=None, description="difference of the plateau, in % of the measured value")
 
 
 class Study(StudyEntry):

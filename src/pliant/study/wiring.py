@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -12,8 +13,9 @@ from pliant.errors import FitError, InputError
 from pliant.failures import FAILED
 from pliant.identification import Experiment, fit
 from pliant.identification.fit import parameters_from
-from pliant.identification.model_selection import Follows, follows
+from pliant.identification.problem import Problem
 from pliant.model import Model
+from pliant.selection.criterion import effective_numbers
 from pliant.study.fits import model_for_fit
 from pliant.study.prepare import study_experiment
 from pliant.study.schema import Study
@@ -22,6 +24,14 @@ from pliant.validation.outcome import WiringRow, Wirings
 Drive = dict[str, str | int]
 STATED = "as stated"
 MOST = 24  # wirings to try if the study lists none: all permutations of four chambers
+
+
+class WiredFit(NamedTuple):
+    """How well a fit with one wiring matches the training recordings."""
+
+    mean_square: float  # of the residuals, weighted alike for every wiring
+    numbers: float  # effective number of independent residuals
+    percent: float  # mean error of the recordings, % of the peak displacement
 
 
 def candidates(study: Study) -> dict[str, Drive]:
@@ -68,21 +78,21 @@ def compare_wirings(
     if study.wiring is None:
         return None
     name = study.wiring.fit or next(iter(study.fits))
-    fits: dict[str, tuple[Follows, float]] = {}
+    fits: dict[str, WiredFit] = {}
     failed: dict[str, str] = {}
     for label, drive in candidates(study).items():
         try:
             fits[label] = fit_statistics(study, name, wired_experiments(study, recordings, name, drive), model)
-            notify(f"wiring {label}: training error {fits[label][1]:.2f} % of the peak displacement")
+            notify(f"wiring {label}: training error {fits[label].percent:.2f} % of the peak displacement")
         except FAILED as error:
             failed[label] = str(error)
             notify(f"wiring {label}: {error}")
     if not fits:
         raise FitError(f"no wiring can be fitted: {next(iter(failed.values()))}")
-    order = sorted(fits, key=lambda label: fits[label][0].mean_square)
-    best = fits[order[0]][0]
+    order = sorted(fits, key=lambda label: fits[label].mean_square)
+    best = fits[order[0]]
     rows = [
-        WiringRow(label, fits[label][1], best.numbers * float(np.log(fits[label][0].mean_square / best.mean_square)))
+        WiringRow(label, fits[label].percent, best.numbers * float(np.log(fits[label].mean_square / best.mean_square)))
         for label in order
     ]
     return Wirings(name, (*rows, *(WiringRow(label, None, None, reason) for label, reason in failed.items())))
@@ -100,9 +110,9 @@ def wired_experiments(
     return [study_experiment(other, n, recordings[n]) for n in names]
 
 
-def fit_statistics(study: Study, name: str, training: list[Experiment], model: Model) -> tuple[Follows, float]:
+def fit_statistics(study: Study, name: str, training: list[Experiment], model: Model) -> WiredFit:
     """Fit the model to training recordings with one assignment of recorded pressures to chambers; return the statistics
-    of the residuals and the mean error [% of peak displacement].
+    of the residuals.
     """
     entry = study.fits[name]
     result = fit(
@@ -110,7 +120,9 @@ def fit_statistics(study: Study, name: str, training: list[Experiment], model: M
         loss=entry.loss, starts=entry.starts, weighting=entry.weighting, regularise=entry.regularise, rng=study.seed,
     )
     error = float(np.mean([100 * result.rmse[e.name] / e.travel for e in training]))
-    return follows(training, result, result.time_step, entry.weighting), error
+    problem = Problem(training, result.model, list(result.parameters), result.time_step, entry.weighting)
+    residual = problem.data_residual(problem.start)
+    return WiredFit(float(np.mean(residual**2)), effective_numbers(problem, residual), error)
 
 
 def wiring_warnings(wirings: Wirings | None) -> tuple[str, ...]:

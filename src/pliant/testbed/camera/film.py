@@ -144,13 +144,6 @@ class Filmed:
     pressure: Array
     length: float
 
-    def centreline(self) -> Array:
-        """Return the body's true centrelines (T, N, 2) [m], with N points from base to tip at T times. The base is at
-        the origin, its tangent along +y.
-        """
-        inside = self.truth["arc_length"].to_numpy() <= self.length * (1.0 + 1e-9)
-        return np.asarray(self.truth["position"].to_numpy()[:, inside])
-
 
 def film(
     case: str | Scenario, path: str | Path, *, body: str | int | RodParameters = "a", seed: int = 1,
