@@ -21,9 +21,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from soromox.simulation import SemiImplicitEuler
-from soromox.systems import PCS
+from soromox.systems import PCS, PlanarPCS
 from soromox.systems.components import LinkSpec
-from soromox.systems.pcs.structures import PCSStructure
+from soromox.systems.pcs.structures import PCSStructure, PlanarPCSStructure
 from soromox.systems.system_state import SystemState
 from space_speed import (
     DAMPING,
@@ -62,6 +62,18 @@ def arm(turns: int) -> PCS:
     active = jnp.tile(jnp.array([turns == 3, True, True, False, False, False]), LINKS)
     return PCS.from_links([link] * LINKS, structure=PCSStructure(strain_selector=active),
                           gravity=jnp.array([9.81, 0.0, 0.0]))  # fmt: skip
+
+
+def planar_arm() -> PlanarPCS:
+    """Return the arm in a plane, that bends alone; its base points along x, and gravity is along -y."""
+    link = LinkSpec.circular(
+        length=SEGMENT, radius=RADIUS, density=MASS / (np.pi * RADIUS**2 * LENGTH), reference_strain=[0.0, 1.0, 0.0],
+        stiffness=jnp.diag(jnp.array([STIFFNESS * SEGMENT**2, 0.0, 0.0])),
+        damping=jnp.diag(jnp.array([DAMPING * SEGMENT**2, 0.0, 0.0])),
+    )  # fmt: skip
+    bends = jnp.tile(jnp.array([True, False, False]), LINKS)
+    return PlanarPCS.from_links([link] * LINKS, structure=PlanarPCSStructure(strain_selector=bends),
+                                gravity=jnp.array([0.0, -9.81]))  # fmt: skip
 
 
 def begin(turns: int) -> Array:

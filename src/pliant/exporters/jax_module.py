@@ -130,8 +130,8 @@ def check_values(model: Model, known: Uncertainty) -> None:
     for name, value in own.items():
         if fitted[name].shape != value.shape or not np.allclose(fitted[name], value, rtol=SAME, atol=0.0):
             raise InputError(
-                f"the fit is not that of this model: {name} is {listed(fitted[name])} by the fit and {listed(value)} in "
-                "the model: export the model that was saved with this fit"
+                f"the fit is not that of this model: {name} is {listed(fitted[name])} by the fit and {listed(value)} "
+                "in the model: export the model that was saved with this fit"
             )
 
 
