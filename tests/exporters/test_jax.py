@@ -6,6 +6,7 @@ import ast
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,6 +61,14 @@ def test_a_part_that_jax_lacks_is_refused_by_name(tmp_path):
         assert words in str(refused.exception)
         assert "not expressible in jax" in str(refused.exception)
         assert not (tmp_path / "arm.py").exists()
+
+
+@pytest.mark.parametrize("name", ["jax", "numpy", "class", "my arm", "2_arms"])
+def test_a_file_that_python_cannot_import_is_refused(name, tmp_path):
+    file = save_model(paper(), tmp_path / "model.json")
+    refused = invoke("export", file, "--to", "jax", "-o", tmp_path / f"{name}.py")
+    assert f"{name}.py cannot be imported as a Python module" in str(refused.exception)
+    assert not list(tmp_path.glob("*.py"))
 
 
 def all_names(tree):
@@ -315,3 +324,22 @@ def test_a_fit_of_another_model_is_refused(tmp_path):
     assert "the fit is not that of this model: stiffness is 1.5 by the fit and 1.607 in the model" in str(
         refused.exception)
     assert not (tmp_path / "arm.py").exists()
+
+
+def test_draws_change_the_parameters_of_segments_and_of_renamed_chambers(tmp_path):
+    body = combined("flat_longer", "none", "plain")
+    first, *others = body.chambers
+    body = body.with_(chambers=(replace(first, name="side a"), *others))
+    segment = body.extensions[0]
+    values = {"side a.torque_1": first.torque[0], f"{segment.name}.axial_stiffness": segment.stiffness, "p.start": 0.1}
+    rows = {name: {"value": value, "std": 0.1 * value} for name, value in values.items()}
+    spread = {"names": [*values], "hidden": [False] * 3, "matrix": np.diag([(0.1 * v) ** 2 for v in values.values()])}
+    fit = {"parameters": rows, "covariance": spread | {"matrix": spread["matrix"].tolist()}}
+    (tmp_path / "metrics.json").write_text(json.dumps({"fits": {"first": fit}}))
+    file = save_model(body, tmp_path / "model.json")
+    done = invoke("export", file, "--to", "jax", "-o", tmp_path / "arm.py", "--fit", tmp_path / "metrics.json")
+    assert done.exit_code == 0, done.output
+    arm = loaded(tmp_path / "arm.py")
+    assert arm.MEAN.tolist() == [*values.values()][:2]
+    assert arm.SLOPES["torque"][0].ravel() == pytest.approx(np.eye(arm.parameters["torque"].size)[0], rel=1e-9)
+    assert arm.SLOPES["axial_stiffness"][1].ravel() == pytest.approx([1.0, *[0.0] * (len(body.extensions) - 1)])

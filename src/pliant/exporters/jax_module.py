@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping
 from importlib.resources import files
+from keyword import iskeyword
 from pathlib import Path
 from typing import Any
 
@@ -153,8 +154,11 @@ def parameter_slopes(model: Model, known: Uncertainty, steps: Array) -> dict[str
             except InputError:  # at a physical limit: the other side alone
                 ends.append((0.0, base))
         (first, low), (last, high) = ends
+        if last == first:
+            raise InputError(f"parameter {known.names[k]}: the model takes no value beside {known.mean[k]:.4g}, around "
+                             "which the fit would draw: export without the fit")  # fmt: skip
         for name, slopes in rows.items():
-            slopes.append((high[name] - low[name]) / (h * max(last - first, 1.0)))
+            slopes.append((high[name] - low[name]) / (h * (last - first)))
     return {name: np.array(slopes) for name, slopes in rows.items() if np.any(slopes)}
 
 
@@ -225,6 +229,7 @@ def code(model: Model, provenance: Provenance) -> str:
     return "\n\n\n".join(parts) + "\n"
 
 
+IMPORTED = ("jax", "numpy", "typing")
 IMPORTS = """from typing import Any, NamedTuple
 
 import jax
@@ -238,7 +243,16 @@ Precision is that of the parameters: call jax.config.update("jax_enable_x64", Tr
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:  # noqa: ARG001
-    """Write a model as a module for JAX to `path`, and return the path."""
+    """Write a model as a module for JAX to `path`, and return the path.
+
+    Raises
+    ------
+    InputError
+        When Python cannot import a file of this name, or would import it in place of a package that the module needs.
+    """
+    if not path.stem.isidentifier() or iskeyword(path.stem) or path.stem in IMPORTED:
+        raise InputError(f"{path.name} cannot be imported as a Python module: use a name of letters, digits and "
+                         f"underscores that is no word of Python, nor {', '.join(IMPORTED)}")  # fmt: skip
     return (write_text(path, code(model, provenance)),)
 
 

@@ -119,12 +119,12 @@ def uncertainty_within(model: Model | str | Path, fit: FitResult | str | Path) -
 
 def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[str, Any]) -> Uncertainty:
     """Return the fitted parameters of the actuator and their covariance, from the tables of parameters and covariances
-    in a saved fit. Parameters that belong to a single recording are left out.
+    in a saved fit. Parameters that belong to a single recording or station are left out.
     """
-    chambers = {c.name for c in model.chambers}
+    owners = {"", *(part.name for part in (*model.chambers, *model.extensions))}
     keep = [
         k for k, (name, hidden) in enumerate(zip(covariance["names"], covariance["hidden"], strict=True))
-        if not hidden and ("." not in name or name.partition(".")[0] in chambers)
+        if not hidden and name.rpartition(".")[0] in owners
     ]
     names = tuple(covariance["names"][k] for k in keep)
     matrix = np.asarray(covariance["matrix"], dtype=float)[np.ix_(keep, keep)]
