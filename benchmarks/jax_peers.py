@@ -1,13 +1,18 @@
 """Compile times and times of a step on one core: the exported JAX module, pliant's own steps, MuJoCo, MJX and soromox.
 
-The arm of `space_speed.py`: five links of together 0.17 m, straight at first, under gravity across it, in a plane (5
-coordinates) and in space (10). All programs take steps of 1 ms in double precision; soromox has arcs where the others
-have joints, and semi-implicit Euler steps. "one" and "many" are processor times per step and body, of the fastest of
-several runs; the gradient is that of the tip after the last step by all coordinates of the start, in reverse mode. The
-tips after the last step show that the bodies are the same. A program that is not installed has no row: `pip install
-mujoco-mjx soromox`. The first call compiles: with NUMBA_CACHE_DIR set to an empty folder, also for pliant itself.
+The arm of `space_speed.py`: five links of together 0.17 m under gravity across it. "plane" (5 coordinates) and "space"
+(10): steps of 1 ms in double precision from the straight shape; processor times per step and body, of the fastest of
+several runs. The first call compiles: with NUMBA_CACHE_DIR set to an empty folder, also for pliant itself. The gradient
+is that of the tip after the last step by all coordinates of the start, in reverse mode; the tips show that the bodies
+are the same. soromox has arcs where the others have joints, and semi-implicit Euler steps.
 
-    python benchmarks/jax_peers.py [plane] [space] [--bodies 64] [--steps 100]
+"equal errors": the time of one second after a release from a bend in space, without and with twist, of pliant
+and of soromox's solvers (semi-implicit Euler, Tsitouras' 5(4) and Kvaerno's implicit 5(4) with adaptive steps), at the
+coarsest step or tolerance that keeps the tip within an error, each against itself at a far finer step.
+
+Programs that are not installed have no row: `pip install mujoco-mjx soromox`.
+
+    python benchmarks/jax_peers.py [plane] [space] ["equal errors"] [--bodies 64] [--steps 100]
 """
 
 from __future__ import annotations
@@ -20,16 +25,18 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+import space_speed
 from export import in_mujoco
 from harness import Case, measured
-from space_speed import LENGTH, LINKS, body
+from space_speed import DAMPING, END, LENGTH, LINKS, LOOKS, MASS, RADIUS, STIFFNESS, TARGETS, body, to_target
 from speed.timing import best
 
 import pliant
 from pliant.batch.stepper import batch_stepper
 from pliant.simulation import Pulse, Stepper
 
-STEP = 1e-3  # s
+STEP, SEGMENT = 1e-3, LENGTH / LINKS  # s, m
+TOLERANCES, EULER = [1e-2, 1e-4, 1e-6], [h for h in space_speed.STEPS if h <= 2.5e-3]
 Row = dict[str, Any]
 timed = partial(best, seconds=0.3, repeats=3, clock=process_time)
 
@@ -43,20 +50,13 @@ def first_call(job: Callable[[], Any]) -> float:
 
 def pliant_itself(turns: int, bodies: int, steps: int) -> Row:
     """Return the times of `Stepper` and of a batch that keeps its states."""
-    model, still = body(turns), np.zeros((bodies, 1))
+    model, still, ends = body(turns), np.zeros((bodies, 1)), np.array([0.0, steps * STEP])
     stepper, batch = Stepper(model, STEP, 0.0), batch_stepper([model], bodies, STEP)
-    compiling = first_call(lambda: (stepper.step(0.0, steps), batch.hold(still, steps)))
-    fallen = simulate_tip(model, steps)
-    one, many = timed(lambda: stepper.step(0.0, steps)), timed(lambda: batch.hold(still, steps))
+    jobs = partial(stepper.step, 0.0, steps), partial(batch.hold, still, steps)
+    compiling, one, many = first_call(lambda: [job() for job in jobs]), timed(jobs[0]), timed(jobs[1])
+    run = pliant.simulate(model, Pulse(0.0), times=ends, time_step=STEP, initial_angle=np.zeros(turns * LINKS))
     return {"first call (s)": compiling, "one (ns)": 1e9 / steps * one, "many (ns)": 1e9 / steps / bodies * many,
-            "tip (mm)": 1e3 * fallen}  # fmt: skip
-
-
-def simulate_tip(model: pliant.Model, steps: int) -> float:
-    """Return how far the tip [m] has moved along gravity after a start from the straight shape."""
-    times = np.array([0.0, steps * STEP])
-    run = pliant.simulate(model, Pulse(0.0), times=times, time_step=STEP, initial_angle=np.zeros(model.n * model.turns))
-    return float(run.tip_position.values[-1, -1, 0])
+            "tip (mm)": 1e3 * float(run.tip_position.values[-1, -1, 0])}  # fmt: skip
 
 
 def in_jax(last: Callable[[Any], Any], tip: Callable[[Any], Any], start: Any, bodies: int, steps: int) -> Row:
@@ -67,14 +67,12 @@ def in_jax(last: Callable[[Any], Any], tip: Callable[[Any], Any], start: Any, bo
     import jax.numpy as jnp
 
     starts = jax.tree_util.tree_map(lambda a: jnp.broadcast_to(a, (bodies, *jnp.shape(a))), start)
-    one, many = jax.jit(last), jax.jit(jax.vmap(last))
-    slope = jax.jit(jax.vmap(jax.grad(lambda begun: tip(last(begun)), allow_int=True)))
+    one, slope = jax.jit(last), jax.vmap(jax.grad(lambda begun: tip(last(begun))))
     runs = [partial(lambda f, x: jax.block_until_ready(f(x)), *pair) for pair in
-            ((one, start), (many, starts), (slope, starts))]  # fmt: skip
+            ((one, start), (jax.jit(jax.vmap(last)), starts), (jax.jit(slope), starts))]  # fmt: skip
     row: Row = {"first call (s)": first_call(runs[1]), "one (ns)": 1e9 / steps * timed(runs[0]),
-                "many (ns)": 1e9 / steps / bodies * timed(runs[1])}  # fmt: skip
-    row["tip (mm)"] = 1e3 * float(tip(one(start)))
-    row["gradient, first call (s)"] = first_call(runs[2])
+                "many (ns)": 1e9 / steps / bodies * timed(runs[1]), "tip (mm)": 1e3 * float(tip(one(start))),
+                "gradient, first call (s)": first_call(runs[2])}  # fmt: skip
     return row | {"gradient, many (ns)": 1e9 / steps / bodies * timed(runs[2])}
 
 
@@ -83,15 +81,14 @@ def exported(turns: int, bodies: int, steps: int) -> Row:
     from jax import lax
     from jax_bodies import exported as module_of
 
-    arm = module_of(body(turns))
-    start = arm.rest(arm.parameters, np.zeros(1))
-    start = start._replace(position=0.0 * start.position)
+    arm, still = module_of(body(turns)), np.zeros(1)
+    start = arm.rest(arm.parameters, still)
 
     def last(state: Any) -> Any:
-        still = np.zeros(1)
         return lax.scan(lambda s, _: (arm.step(arm.parameters, s, still, STEP), None), state, None, steps)[0]
 
-    return in_jax(last, lambda s: arm.observe(arm.parameters, s)["tips"][-1, 0], start, bodies, steps)
+    return in_jax(last, lambda s: arm.observe(arm.parameters, s)["tips"][-1, 0],
+                  start._replace(position=0.0 * start.position), bodies, steps)  # fmt: skip
 
 
 def mujoco(turns: int, bodies: int, steps: int) -> Row:
@@ -105,12 +102,10 @@ def mujoco(turns: int, bodies: int, steps: int) -> Row:
     mujoco.mj_kinematics(m, d)
     tip, full = float(d.site_xpos[-1, 0]), mujoco.mjtState.mjSTATE_FULLPHYSICS
     begun, still = np.zeros((bodies, mujoco.mj_stateSize(m, full))), np.zeros((bodies, steps, m.nu))
-
-    def many() -> None:
-        mujoco.rollout.rollout([m] * bodies, [d], begun, still, nstep=steps, skip_checks=True, initial_warmstart=None)
-
+    many = timed(lambda: mujoco.rollout.rollout([m] * bodies, [d], begun, still, nstep=steps, skip_checks=True,
+                                                initial_warmstart=None))  # fmt: skip
     return {"one (ns)": 1e9 / steps * timed(lambda: mujoco.mj_step(m, d, steps)),
-            "many (ns)": 1e9 / steps / bodies * timed(many), "tip (mm)": 1e3 * tip}  # fmt: skip
+            "many (ns)": 1e9 / steps / bodies * many, "tip (mm)": 1e3 * tip}  # fmt: skip
 
 
 def mjx(turns: int, bodies: int, steps: int) -> Row:
@@ -131,15 +126,37 @@ def mjx(turns: int, bodies: int, steps: int) -> Row:
     return in_jax(last, lambda d: mjx.kinematics(fixed, d).site_xpos[-1, 0], start, bodies, steps)
 
 
+def soromox_arm(turns: int) -> Any:
+    """Return the arm in soromox, with twist if `turns` is 3 and in a plane if it is 1. Its base points along z and
+    gravity is along x, in a plane along x and -y.
+    """
+    import jax.numpy as jnp
+    from soromox.systems import PCS, PlanarPCS
+    from soromox.systems.components import LinkSpec
+    from soromox.systems.pcs.structures import PCSStructure, PlanarPCSStructure
+
+    flat = turns == 1
+    size, turning = (3, 1) if flat else (6, 3)  # strains, and those that turn
+    scale = np.where(np.arange(size) < turning, SEGMENT**2, 0.0)  # from angles of a segment to strains
+    active = [True] if flat else [turns == 3, True, True]
+    link = LinkSpec.circular(
+        length=SEGMENT, radius=RADIUS, density=MASS / (np.pi * RADIUS**2 * LENGTH),
+        reference_strain=np.eye(size)[turning], stiffness=jnp.diag(STIFFNESS * scale),
+        damping=jnp.diag(DAMPING * scale),
+    )  # fmt: skip
+    select = jnp.tile(jnp.array(active + [False] * (size - turning)), LINKS)
+    kind, plan = (PlanarPCS, PlanarPCSStructure) if flat else (PCS, PCSStructure)
+    return kind.from_links([link] * LINKS, structure=plan(strain_selector=select),
+                           gravity=jnp.array([0.0, -9.81] if flat else [9.81, 0.0, 0.0]))  # fmt: skip
+
+
 def soromox(turns: int, bodies: int, steps: int) -> Row:
     """Return the times of soromox."""
     import jax.numpy as jnp
     from soromox.simulation import SemiImplicitEuler
     from soromox.systems.system_state import SystemState
-    from space_soromox import arm, planar_arm
 
-    robot = arm(turns) if turns > 1 else planar_arm()
-    end = jnp.array([steps * STEP])
+    robot, end = soromox_arm(turns), jnp.array([steps * STEP])
 
     def last(state: Any) -> Any:
         return robot.rollout_to(SystemState(t=0.0, y=state), t1=end[0], solver_dt=STEP, save_ts=end,
@@ -150,6 +167,47 @@ def soromox(turns: int, bodies: int, steps: int) -> Row:
         return reached[0, 3] if turns > 1 else -reached[2]
 
     return in_jax(last, tip, np.zeros(2 * turns * LINKS), bodies, steps)
+
+
+def released(robot: Any, turns: int, solver: Any, size: Any, *, adaptive: bool) -> Any:
+    """Return the tips (LOOKS, 3) after the release, by steps of `size` [s], or to a tolerance."""
+    import diffrax
+    import jax
+    import jax.numpy as jnp
+    from soromox.systems.system_state import SystemState
+
+    a, b = space_speed.start(2).reshape(LINKS, 2).T / SEGMENT
+    strains = np.column_stack([0.0 * a, b, -a])[:, 3 - turns :]  # twist, if any, curvatures about y and -x
+    run = robot.rollout_to(
+        SystemState(t=0.0, y=np.concatenate([strains.ravel(), np.zeros(strains.size)])), t1=END,
+        solver_dt=1e-4 if adaptive else size, save_ts=jnp.linspace(0.0, END, LOOKS + 1)[1:], solver=solver,
+        stepsize_controller=diffrax.PIDController(rtol=size, atol=size) if adaptive else diffrax.ConstantStepSize(),
+        max_steps=10**6,
+    )  # fmt: skip
+    tips = jax.vmap(lambda q: robot.forward_kinematics(q, jnp.array(LENGTH)))(run.y[:, : turns * LINKS])
+    return tips[:, :3, 3]
+
+
+def equal_errors(turns: int, **_: int) -> Row:
+    """Return the time of both programs for each error of the tip."""
+    import diffrax
+    import jax
+    from soromox.simulation import SemiImplicitEuler
+
+    robot, chain, row = soromox_arm(turns), partial(space_speed.pliant_tips, turns=turns), {}
+    ours, each, solvers = chain(space_speed.FINEST), space_speed.step_ns(turns, 1.0), {}
+    for solver, sizes in ((SemiImplicitEuler(robot), EULER), (diffrax.Tsit5(), TOLERANCES),
+                          (diffrax.Kvaerno5(), TOLERANCES)):  # fmt: skip
+        jitted = jax.jit(partial(released, robot, turns, solver, adaptive=sizes is TOLERANCES))
+        solvers[type(solver).__name__] = (lambda size, run=jitted: np.asarray(run(size)), sizes)
+    theirs = solvers["Tsit5"][0](1e-8)
+    for target in TARGETS:
+        row[f"pliant, {target} mm (ms)"] = END / to_target(chain, ours, target, space_speed.STEPS)[0] * each / 1e6
+        for name, (solve, sizes) in solvers.items():
+            size, _ = to_target(solve, theirs, target, sizes)
+            if np.isfinite(size):
+                row[f"{name}, {target} mm (ms)"] = 1e3 * timed(partial(solve, size))
+    return row
 
 
 PROGRAMS = {"pliant": (pliant_itself, "pliant"), "exported JAX module": (exported, "jax"), "MuJoCo": (mujoco, "mujoco"),
@@ -167,10 +225,10 @@ def cases(turns: int) -> list[Case]:
 
 
 if __name__ == "__main__":
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1")
     if there("jax"):
         import jax
 
         jax.config.update("jax_enable_x64", True)
-    measured(__doc__ or "", {"plane": cases(1), "space": cases(2)}, bodies=64, steps=100)
+    races = [Case(name, partial(equal_errors, k)) for name, k in (("bending", 2), ("twist", 3)) if there("soromox")]
+    measured(__doc__ or "", {"plane": cases(1), "space": cases(2), "equal errors": races}, bodies=64, steps=100)
