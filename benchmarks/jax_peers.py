@@ -12,7 +12,7 @@ coarsest step or tolerance that keeps the tip within an error, each against itse
 
 Programs that are not installed have no row: `pip install mujoco-mjx soromox`.
 
-    python benchmarks/jax_peers.py [plane] [space] ["equal errors"] [--bodies 64] [--steps 100]
+    python benchmarks/jax_peers.py [plane] [space] ["equal errors"] [--bodies 64] [--steps 100] [--gradient 0]
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def first_call(job: Callable[[], Any]) -> float:
     return process_time() - start
 
 
-def pliant_itself(turns: int, bodies: int, steps: int) -> Row:
+def pliant_itself(turns: int, bodies: int, steps: int, **_: int) -> Row:
     """Return the times of `Stepper` and of a batch that keeps its states."""
     model, still, ends = body(turns), np.zeros((bodies, 1)), np.array([0.0, steps * STEP])
     stepper, batch = Stepper(model, STEP, 0.0), batch_stepper([model], bodies, STEP)
@@ -59,7 +59,9 @@ def pliant_itself(turns: int, bodies: int, steps: int) -> Row:
             "tip (mm)": 1e3 * float(run.tip_position.values[-1, -1, 0])}  # fmt: skip
 
 
-def in_jax(last: Callable[[Any], Any], tip: Callable[[Any], Any], start: Any, bodies: int, steps: int) -> Row:
+def in_jax(
+    last: Callable[[Any], Any], tip: Callable[[Any], Any], start: Any, *, bodies: int, steps: int, gradient: int = 1,
+) -> Row:
     """Return the times of a program in JAX: `last(start)` is the state after all steps, and `tip` of it the position
     of the tip along gravity.
     """
@@ -71,12 +73,14 @@ def in_jax(last: Callable[[Any], Any], tip: Callable[[Any], Any], start: Any, bo
     runs = [partial(lambda f, x: jax.block_until_ready(f(x)), *pair) for pair in
             ((one, start), (jax.jit(jax.vmap(last)), starts), (jax.jit(slope), starts))]  # fmt: skip
     row: Row = {"first call (s)": first_call(runs[1]), "one (ns)": 1e9 / steps * timed(runs[0]),
-                "many (ns)": 1e9 / steps / bodies * timed(runs[1]), "tip (mm)": 1e3 * float(tip(one(start))),
-                "gradient, first call (s)": first_call(runs[2])}  # fmt: skip
+                "many (ns)": 1e9 / steps / bodies * timed(runs[1]), "tip (mm)": 1e3 * float(tip(one(start)))}
+    if not gradient:
+        return row
+    row["gradient, first call (s)"] = first_call(runs[2])
     return row | {"gradient, many (ns)": 1e9 / steps / bodies * timed(runs[2])}
 
 
-def exported(turns: int, bodies: int, steps: int) -> Row:
+def exported(turns: int, **sizes: int) -> Row:
     """Return the times of the exported JAX module."""
     from jax import lax
     from jax_bodies import exported as module_of
@@ -85,13 +89,13 @@ def exported(turns: int, bodies: int, steps: int) -> Row:
     start = arm.rest(arm.parameters, still)
 
     def last(state: Any) -> Any:
-        return lax.scan(lambda s, _: (arm.step(arm.parameters, s, still, STEP), None), state, None, steps)[0]
+        return lax.scan(lambda s, _: (arm.step(arm.parameters, s, still, STEP), None), state, None, sizes["steps"])[0]
 
     return in_jax(last, lambda s: arm.observe(arm.parameters, s)["tips"][-1, 0],
-                  start._replace(position=0.0 * start.position), bodies, steps)  # fmt: skip
+                  start._replace(position=0.0 * start.position), **sizes)  # fmt: skip
 
 
-def mujoco(turns: int, bodies: int, steps: int) -> Row:
+def mujoco(turns: int, bodies: int, steps: int, **_: int) -> Row:
     """Return the times of MuJoCo's step of the exported MJCF: `mj_step` and, on one thread, `rollout`."""
     import mujoco
     import mujoco.rollout
@@ -108,7 +112,7 @@ def mujoco(turns: int, bodies: int, steps: int) -> Row:
             "many (ns)": 1e9 / steps / bodies * many, "tip (mm)": 1e3 * tip}  # fmt: skip
 
 
-def mjx(turns: int, bodies: int, steps: int) -> Row:
+def mjx(turns: int, **sizes: int) -> Row:
     """Return the times of MJX, MuJoCo's version in JAX, for the exported MJCF."""
     from jax import lax, tree_util
     from mujoco import MjData, mjx
@@ -120,10 +124,10 @@ def mjx(turns: int, bodies: int, steps: int) -> Row:
         return tree_util.tree_map(lambda old, new: new.astype(old.dtype), d, mjx.step(fixed, d)), None
 
     def last(state: tuple[Any, Any]) -> Any:
-        return lax.scan(advance, data.replace(qpos=state[0], qvel=state[1]), None, steps)[0]
+        return lax.scan(advance, data.replace(qpos=state[0], qvel=state[1]), None, sizes["steps"])[0]
 
     start = np.zeros(m.nq), np.zeros(m.nv)
-    return in_jax(last, lambda d: mjx.kinematics(fixed, d).site_xpos[-1, 0], start, bodies, steps)
+    return in_jax(last, lambda d: mjx.kinematics(fixed, d).site_xpos[-1, 0], start, **sizes)
 
 
 def soromox_arm(turns: int) -> Any:
@@ -150,23 +154,23 @@ def soromox_arm(turns: int) -> Any:
                            gravity=jnp.array([0.0, -9.81] if flat else [9.81, 0.0, 0.0]))  # fmt: skip
 
 
-def soromox(turns: int, bodies: int, steps: int) -> Row:
+def soromox(turns: int, **sizes: int) -> Row:
     """Return the times of soromox."""
     import jax.numpy as jnp
     from soromox.simulation import SemiImplicitEuler
     from soromox.systems.system_state import SystemState
 
-    robot, end = soromox_arm(turns), jnp.array([steps * STEP])
+    robot, end = soromox_arm(turns), jnp.array([sizes["steps"] * STEP])
 
     def last(state: Any) -> Any:
         return robot.rollout_to(SystemState(t=0.0, y=state), t1=end[0], solver_dt=STEP, save_ts=end,
-                                solver=SemiImplicitEuler(robot), max_steps=steps + 1).y[0]  # fmt: skip
+                                solver=SemiImplicitEuler(robot), max_steps=sizes["steps"] + 1).y[0]  # fmt: skip
 
     def tip(state: Any) -> Any:
         reached = robot.forward_kinematics(state[: turns * LINKS], jnp.array(LENGTH))
         return reached[0, 3] if turns > 1 else -reached[2]
 
-    return in_jax(last, tip, np.zeros(2 * turns * LINKS), bodies, steps)
+    return in_jax(last, tip, np.zeros(2 * turns * LINKS), **sizes)
 
 
 def released(robot: Any, turns: int, solver: Any, size: Any, *, adaptive: bool) -> Any:
@@ -231,4 +235,5 @@ if __name__ == "__main__":
 
         jax.config.update("jax_enable_x64", True)
     races = [Case(name, partial(equal_errors, k)) for name, k in (("bending", 2), ("twist", 3)) if there("soromox")]
-    measured(__doc__ or "", {"plane": cases(1), "space": cases(2), "equal errors": races}, bodies=64, steps=100)
+    measured(__doc__ or "", {"plane": cases(1), "space": cases(2), "equal errors": races}, bodies=64, steps=100,
+             gradient=1)  # fmt: skip

@@ -30,7 +30,7 @@ def test_peers_move_the_same_arm():
     jax = pytest.importorskip("jax", reason="jax is not installed: pip install -e '.[jax]'")
     peers = loaded("jax_peers")
     with jax.enable_x64(True):
-        pliant, module = (measure(1, 3, 4) for measure in (peers.pliant_itself, peers.exported))
+        pliant, module = (measure(1, bodies=3, steps=4) for measure in (peers.pliant_itself, peers.exported))
     assert module["tip (mm)"] == pytest.approx(pliant["tip (mm)"], rel=1e-9)
     assert pliant["tip (mm)"] > 0.01
     assert min(module["one (ns)"], module["many (ns)"], module["gradient, many (ns)"], pliant["one (ns)"]) > 0.0
