@@ -121,7 +121,7 @@ def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[
     """Return the fitted parameters of the actuator and their covariance, from the tables of parameters and covariances
     in a saved fit. Parameters that belong to a single recording or station are left out.
     """
-    owners = {"", *(part.name for part in (*model.chambers, *model.extensions))}
+    owners = {"", *(c.name for c in model.chambers), *(e.name for e in model.extensions)}
     keep = [
         k for k, (name, hidden) in enumerate(zip(covariance["names"], covariance["hidden"], strict=True))
         if not hidden and name.rpartition(".")[0] in owners
