@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 import pytest
-from benchmark_scripts import loaded
+from benchmark_scripts import FOLDER, loaded
 
 pytestmark = pytest.mark.slow  # JAX compiles the steps of two bodies, the other script those of five links
 
@@ -26,8 +26,9 @@ def test_batches_in_space(capsys):
     assert out.count("ratio") == 5
 
 
-def test_peers_move_the_same_arm():
+def test_peers_move_the_same_arm(monkeypatch):
     jax = pytest.importorskip("jax", reason="jax is not installed: pip install -e '.[jax]'")
+    monkeypatch.syspath_prepend(FOLDER)  # a program's scripts are imported where it runs
     peers = loaded("jax_peers")
     with jax.enable_x64(True):
         pliant, module = (measure(1, bodies=3, steps=4) for measure in (peers.pliant_itself, peers.exported))
