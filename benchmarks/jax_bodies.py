@@ -34,7 +34,7 @@ MEMORY = Memory((0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.1)
 def exported(model: Model) -> ModuleType:
     """Export a model to JAX, and import the file."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{model.name}.py"
+        path = Path(folder) / "arm.py"
         pliant.export(model, "jax", path)
         spec = importlib.util.spec_from_file_location(model.name, path)
         assert spec is not None

@@ -14,7 +14,6 @@ from pathlib import Path
 from time import perf_counter
 
 from speed import batches, race, realtime
-from speed.meaning import MEANING
 from speed.measure import PARTS, measure, write
 
 HERE = Path(__file__).parent
@@ -38,7 +37,7 @@ TARGETS = {
 
 def parts(names: list[str]) -> None:
     """Measure, print, judge and write."""
-    found = measure({n: JOBS[n] for n in names}, MEANING, message=lambda text: print(text, flush=True))
+    found = measure({n: JOBS[n] for n in names}, message=lambda text: print(text, flush=True))
     if "realtime_missed" in found:
         found["realtime_missed_more"] = found["realtime_missed"] - found["realtime_missed_by_an_empty_loop"]
     print("targets")

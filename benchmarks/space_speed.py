@@ -31,7 +31,7 @@ from pliant.compiler.choose import twin
 from pliant.compiler.twin import options, rebuild
 from pliant.equations import motion, spatial
 from pliant.mechanics import mechanics_of
-from pliant.model import Tendon, chain_model
+from pliant.model import Model, Tendon, chain_model
 
 Array = np.ndarray
 LINKS, RADIUS, LENGTH, MASS = 5, 0.012, 0.17, 0.069
@@ -48,23 +48,27 @@ CALLS = 20_000
 POINTER = ctypes.POINTER(ctypes.c_double)
 
 
-@cache
-def arm(turns: int, tendons: int = 0) -> Any:
-    """Return the mechanics of the arm with 2 turns at each joint, or 3; without twist its links have the same inertia.
+def body(turns: int, tendons: int = 0) -> Model:
+    """Return the arm with 1 turn at each joint (in a plane), 2 or 3; without twist its links have the same inertia.
 
     Tendons run around it to its tip, every other one to its third joint, and are held where the arm is straight.
     """
-    space = {"radius": RADIUS, "twist_ratio": float(turns - 2)}
+    space = {"radius": RADIUS, "twist_ratio": float(turns - 2)} if turns > 1 else None
     passed = np.arange(LINKS) < 3
     cords = tuple(
         Tendon.at_azimuth(2 * np.pi * k / tendons, passed if k % 2 else np.ones(LINKS), driven_by="displacement",
                           lever=RADIUS, line_stiffness=2e3, name=f"tendon {k}")
         for k in range(tendons)
     )  # fmt: skip
-    model = chain_model(length=LENGTH, mass=MASS, links=LINKS, joint_placement="midsegment", stiffness=STIFFNESS,
-                        damping=DAMPING, gravity=[9.81, 0.0, 0.0], space=space,
-                        **({"chambers": cords} if cords else {"torque": [1e-6]}))  # fmt: skip
-    return mechanics_of(model)
+    return chain_model(length=LENGTH, mass=MASS, links=LINKS, joint_placement="midsegment", stiffness=STIFFNESS,
+                       damping=DAMPING, gravity=[9.81, 0.0, 0.0][: 3 - (turns == 1)], space=space,
+                       **({"chambers": cords} if cords else {"torque": [1e-6]}))  # fmt: skip
+
+
+@cache
+def arm(turns: int, tendons: int = 0) -> Any:
+    """Return the mechanics of `body`."""
+    return mechanics_of(body(turns, tendons))
 
 
 def start(turns: int) -> Array:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from functools import cache
 from time import process_time
+from types import FunctionType
+from typing import Any
 
 import numpy as np
+from numba import njit
 
 from pliant.actuators import chen2018
-from pliant.equations import motion
+from pliant.compiler.choose import MOST_LINKS, straight
+from pliant.compiler.twin import options, rebuild
+from pliant.equations.motion import acceleration, acceleration_jacobian
 from pliant.equations.symbols import Slopes
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.simulation import Pulse, state
 from pliant.simulation.drive import drive
 from pliant.simulation.initial_value import march
-from speed import kernel_loops
 from speed.floor import floor
 from speed.timing import best
 
@@ -35,8 +40,8 @@ def kernels(links: int = 5) -> dict[str, float]:
     def at() -> tuple[np.ndarray, np.ndarray]:
         return np.linspace(0.05, 0.25, n), np.linspace(0.1, 1.0, n)
 
-    accelerate = kernel_loops.compiled(kernel_loops.many_accelerations, motion.acceleration, n)
-    differentiate = kernel_loops.compiled(kernel_loops.many_jacobians, motion.acceleration_jacobian, n)
+    accelerate = compiled(many_accelerations, acceleration, n)
+    differentiate = compiled(many_jacobians, acceleration_jacobian, n)
     jobs = {
         "rhs_ns": lambda: accelerate(CALLS, *at(), torque, parts, out.a),
         "rhs_jacobian_ns": lambda: differentiate(CALLS, *at(), torque, parts, out),
@@ -55,3 +60,28 @@ def step_ns(model: Model) -> float:
     plan = drive(model, pressure, ends, STEP)
     start = (mechanics_of(model).coordinates(state.equilibrium(model, plan.initial)), np.zeros(model.n))
     return 1e9 * best(lambda: march(model, plan, start, ends.size), clock=process_time) / plan.h.size
+
+
+@cache
+def compiled(loop: FunctionType, kernel: FunctionType, links: int) -> Any:
+    """Return a loop compiled by Numba, which calls the version of `kernel` that is fastest for this
+    number of links.
+    """
+    few = links <= MOST_LINKS
+    return rebuild(loop, njit(**options(loop)), {kernel.__name__: straight(kernel, links)} if few else None)
+
+
+def many_accelerations(count, phi, w, torque, parts, a):
+    """Compute the joint accelerations `count` times into `a`. The angle phi[0] changes slightly each time, so that the
+    compiler cannot skip a call.
+    """
+    for _ in range(count):
+        acceleration(phi, w, torque, parts[0], parts[1], parts[2], a)
+        phi[0] = phi[0] + 1e-18 * a[0]
+
+
+def many_jacobians(count, phi, w, torque, parts, out):
+    """Compute the joint accelerations and their Jacobian `count` times into `out`."""
+    for _ in range(count):
+        acceleration_jacobian(phi, w, torque, parts[0], parts[1], parts[2], out)
+        phi[0] = phi[0] + 1e-18 * out.a[0]

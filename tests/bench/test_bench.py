@@ -22,7 +22,7 @@ run = loaded("run")
 batches, floors, measure, methods, problems, race, realtime = (
     sys.modules[f"speed.{name}"] for name in ("batches", "floor", "measure", "methods", "problem", "race", "realtime")
 )
-MEANING, TARGET_MM, Problem = run.MEANING, problems.TARGET_MM, problems.Problem
+MEANING, TARGET_MM, Problem = measure.MEANING, problems.TARGET_MM, problems.Problem
 Method, pliant_extrapolated, pliant_midpoint, scipy_methods = (
     methods.Method, methods.pliant_extrapolated, methods.pliant_midpoint, methods.scipy_methods
 )

@@ -19,6 +19,7 @@ from pliant.compiler.choose import twin
 from pliant.equations.laws import LAWS
 from pliant.equations.linearised import step_jacobian
 from pliant.exporters.provenance import Uncertainty
+from pliant.exporters.randomisation import draw_models
 from pliant.mechanics import mechanics_of
 from pliant.model import Memory, Valve, save_model
 from pliant.simulation import Stepper, equilibrium
@@ -60,6 +61,14 @@ def test_a_part_that_jax_lacks_is_refused_by_name(tmp_path):
         assert words in str(refused.exception)
         assert "not expressible in jax" in str(refused.exception)
         assert not (tmp_path / "arm.py").exists()
+
+
+@pytest.mark.parametrize("name", ["jax", "numpy", "class", "my arm", "2_arms"])
+def test_a_file_that_python_cannot_import_is_refused(name, tmp_path):
+    file = save_model(paper(), tmp_path / "model.json")
+    refused = invoke("export", file, "--to", "jax", "-o", tmp_path / f"{name}.py")
+    assert f"{name}.py cannot be imported as a Python module" in str(refused.exception)
+    assert not list(tmp_path.glob("*.py"))
 
 
 def all_names(tree):
@@ -254,7 +263,7 @@ KNOWN = Uncertainty(("stiffness", "creep_share_1"), np.array([1.5, 0.1]), np.arr
 
 
 def test_the_command_writes_the_draws_of_a_fit(tmp_path):
-    file = save_model(paper(), tmp_path / "model.json")
+    file = save_model(paper().with_(stiffness=1.5), tmp_path / "model.json")
     rows = {"stiffness": {"value": 1.5, "std": 0.1}, "damping": {"value": 8e-3, "std": 1e-3}}
     spread = {"names": ["stiffness", "damping"], "hidden": [False, False], "matrix": [[0.01, 0.0], [0.0, 1e-6]]}
     fit = tmp_path / "metrics.json"
@@ -269,16 +278,68 @@ def test_the_command_writes_the_draws_of_a_fit(tmp_path):
     assert not hasattr(loaded(tmp_path / "arm.py"), "draws")
 
 
-def test_draws_have_the_covariance_of_the_fit(tmp_path, double):
+def test_a_fit_too_uncertain_to_draw_from_is_refused(tmp_path):
     model = paper().with_(stiffness=1.5, memory=Memory((0.1,), (0.5,)))
-    arm = jax_arm(model, tmp_path, uncertainty=KNOWN)
-    drawn = arm.draws(4000, double.random.key(0))
-    assert drawn["stiffness"].shape == (4000, model.n)
-    assert drawn["damping"].shape == (4000, model.n)
-    both = np.stack([drawn["stiffness"][:, 0], drawn["creep_share"][:, 0]])
-    np.testing.assert_allclose(np.mean(both, axis=1), KNOWN.mean, rtol=0.02)
-    np.testing.assert_allclose(np.cov(both), KNOWN.covariance, rtol=0.1, atol=2e-4)
-    assert both[1].min() >= 0.0
-    vague = KNOWN._replace(mean=np.array([1.5, 0.0]), covariance=np.diag([0.01, 1e8]))
+    vague = KNOWN._replace(covariance=np.diag([0.01, 1e8]))
     with pytest.raises(pliant.InputError, match=r"lie within the bounds of its parameters, which are too uncertain"):
-        jax_arm(replace(model), tmp_path, uncertainty=vague)
+        jax_arm(model, tmp_path, uncertainty=vague)
+
+
+def test_draws_of_a_fit_keep_its_bounds_and_its_covariance(tmp_path, double):
+    """From metrics.json, through the command: parameters that depend on each other, one close to a bound of its own."""
+    model = paper().with_(memory=Memory((0.1,), (0.5,)))
+    values = {"stiffness": 1.6067, "damping": 8e-3, "creep_share_1": 0.1}
+    std, lower = np.array([0.02, 4e-4, 0.02]), 0.09
+    correlation = np.array([[1.0, -0.3, -0.8], [-0.3, 1.0, 0.2], [-0.8, 0.2, 1.0]])
+    rows = {n: {"value": v, "std": s, "lower": None, "upper": None}
+            for (n, v), s in zip(values.items(), std, strict=True)}  # fmt: skip
+    spread = {"names": [*values], "hidden": [False] * 3, "matrix": (correlation * np.outer(std, std)).tolist()}
+    rows["creep_share_1"]["lower"] = lower
+    (tmp_path / "metrics.json").write_text(json.dumps({"fits": {"first": {"parameters": rows, "covariance": spread}}}))
+    file = save_model(model, tmp_path / "model.json")
+    done = invoke("export", file, "--to", "jax", "-o", tmp_path / "arm.py", "--fit", tmp_path / "metrics.json")
+    assert done.exit_code == 0, done.output
+    arm = loaded(tmp_path / "arm.py")
+    bodies = arm.draws(20_000, double.random.key(3))
+    assert {k: v.shape for k, v in bodies.items()} == {k: (20_000, *v.shape) for k, v in arm.parameters.items()}
+    drawn = np.stack([bodies["stiffness"][:, 0], bodies["damping"][:, 4], bodies["creep_share"][:, 0]])
+    mean, matrix = np.array([*values.values()]), np.array(spread["matrix"])
+    wanted = np.random.default_rng(0).multivariate_normal(mean, matrix, 40_000)
+    wanted = wanted[(wanted >= [0.0, 0.0, lower]).all(axis=1)].T
+    assert drawn[2].min() >= lower
+    np.testing.assert_allclose((drawn.mean(axis=1) - wanted.mean(axis=1)) / std, 0.0, atol=0.04)
+    np.testing.assert_allclose((np.cov(drawn) - np.cov(wanted)) / np.outer(std, std), 0.0, atol=0.04)
+    models = draw_models(model, tmp_path / "metrics.json", 40, 0)
+    assert min(m.memory.creep_share[0] for m in models) >= lower
+
+
+def test_a_fit_of_another_model_is_refused(tmp_path):
+    file = save_model(paper(), tmp_path / "model.json")
+    rows = {"stiffness": {"value": 1.5, "std": 0.1}}
+    spread = {"names": ["stiffness"], "hidden": [False], "matrix": [[0.01]]}
+    fit = tmp_path / "metrics.json"
+    fit.write_text(json.dumps({"fits": {"first": {"parameters": rows, "covariance": spread}}}))
+    refused = invoke("export", file, "--to", "jax", "-o", tmp_path / "arm.py", "--fit", fit)
+    assert refused.exit_code != 0
+    assert "the fit is not that of this model: stiffness is 1.5 by the fit and 1.607 in the model" in str(
+        refused.exception)
+    assert not (tmp_path / "arm.py").exists()
+
+
+def test_draws_change_the_parameters_of_segments_and_of_renamed_chambers(tmp_path):
+    body = combined("flat_longer", "none", "plain")
+    first, *others = body.chambers
+    body = body.with_(chambers=(replace(first, name="side a"), *others))
+    segment = body.extensions[0]
+    values = {"side a.torque_1": first.torque[0], f"{segment.name}.axial_stiffness": segment.stiffness, "p.start": 0.1}
+    rows = {name: {"value": value, "std": 0.1 * value} for name, value in values.items()}
+    spread = {"names": [*values], "hidden": [False] * 3, "matrix": np.diag([(0.1 * v) ** 2 for v in values.values()])}
+    fit = {"parameters": rows, "covariance": spread | {"matrix": spread["matrix"].tolist()}}
+    (tmp_path / "metrics.json").write_text(json.dumps({"fits": {"first": fit}}))
+    file = save_model(body, tmp_path / "model.json")
+    done = invoke("export", file, "--to", "jax", "-o", tmp_path / "arm.py", "--fit", tmp_path / "metrics.json")
+    assert done.exit_code == 0, done.output
+    arm = loaded(tmp_path / "arm.py")
+    assert arm.MEAN.tolist() == [*values.values()][:2]
+    assert arm.SLOPES["torque"][0].ravel() == pytest.approx(np.eye(arm.parameters["torque"].size)[0], rel=1e-9)
+    assert arm.SLOPES["axial_stiffness"][1].ravel() == pytest.approx([1.0, *[0.0] * (len(body.extensions) - 1)])

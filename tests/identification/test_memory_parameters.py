@@ -11,7 +11,7 @@ from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
 from pliant.identification.names import families
 from pliant.identification.parameters import apply
-from pliant.identification.sensitivity import sensitivities
+from pliant.identification.sensitivity import input_slopes, sensitivities
 from pliant.model import Extension, Memory, Model, Station
 from pliant.simulation import Pulse, simulate
 
@@ -90,6 +90,22 @@ def test_derivatives_are_exact(arm):
         around = [at({**values, name: values[name] + sign * size}) for sign in (-1, 1)]
         found = (around[1] - around[0]) / (2 * size)
         assert np.abs(slope - found).max() < 1e-5 * np.abs(found).max(), name
+
+
+def test_an_input_that_a_parameter_leaves_alone_has_no_derivative_at_an_edge(arm):
+    """Beta at least gamma: at equal values the differences are one-sided."""
+    exp = recorded(arm)
+    values = {"boucwen_share": 0.2, "boucwen_beta": 50.0, "boucwen_gamma": 50.0}
+
+    def problem_at(value, _):
+        return forward_problem(arm, exp, {**values, "boucwen_beta": value}, 2e-3)
+
+    base = problem_at(50.0, None)
+    _, slope = input_slopes("boucwen_beta", problem_at, base, 50.0, 5e-4, None)
+    assert np.count_nonzero(slope.row) == 1
+    assert slope.row.max() == pytest.approx(1.0, rel=1e-9)
+    assert not np.any(slope.torque)
+    assert not np.any(slope.h)
 
 
 @pytest.mark.slow

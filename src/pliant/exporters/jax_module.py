@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping
 from importlib.resources import files
+from keyword import iskeyword
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from pliant.exporters.c_functions import DERIVED, UNIT, parameters
 from pliant.exporters.provenance import Provenance, Uncertainty
 from pliant.exporters.registry import Exporter
 from pliant.files import write_text
-from pliant.identification.parameters import apply, kind_of
+from pliant.identification.parameters import apply
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.actuation_input import ActuationInput
@@ -38,6 +39,7 @@ RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time", "inf
 BOUCWEN = tuple(f"boucwen_{name}" for name in ("share", "beta", "gamma", "exponent"))
 FIXED = ("tied", "dead_time", "boucwen", "valve", "rubber")  # written in another form, or part of the structure
 FAR = 1e300  # in place of an infinite bound
+SAME = 1e-6  # relative difference of two values that are equal but for the rounding of files
 LEAST_WITHIN, STEP = 0.1, 1e-3  # fraction of draws within bounds; step of a derivative over the standard error
 KNOWN_LAWS = ("saturating",)  # those that `jax_source.inputs.lever` computes beside the polynomial
 FORM = 5  # column of a chamber's constants that holds the number of its torque law
@@ -99,12 +101,13 @@ def posterior(model: Model, known: Uncertainty | None) -> dict[str, str]:
     Raises
     ------
     InputError
-        When less than one in ten random draws lies within the bounds of the fit.
+        When the model does not have the values of the fit, or less than one in ten random draws lies within the bounds
+        of the fit.
     """
     if known is None or not known.names:
         return {}
-    kinds = [kind_of(name) for name in known.names]
-    lower, upper = (np.clip([getattr(kind, end) for kind in kinds], -FAR, FAR) for end in ("lower", "upper"))
+    check_values(model, known)
+    lower, upper = np.clip(known.limits(), -FAR, FAR)
     size = np.sqrt(np.diag(known.covariance))
     scale = np.where(size > 0, size, 1.0)
     value, turn = np.linalg.eigh(known.covariance / np.outer(scale, scale))
@@ -121,6 +124,23 @@ def posterior(model: Model, known: Uncertainty | None) -> dict[str, str]:
     return {k: table(v) for k, v in arrays.items()} | {"SLOPES": "\n".join(["{", *rows, "}"])}
 
 
+def check_values(model: Model, known: Uncertainty) -> None:
+    """Raise InputError unless the model has the fitted values, around which its parameters are drawn."""
+    values = dict(zip(known.names, known.mean.tolist(), strict=True))
+    own, fitted = exported_parameters(model), exported_parameters(apply(model, values))
+    for name, value in own.items():
+        if fitted[name].shape != value.shape or not np.allclose(fitted[name], value, rtol=SAME, atol=0.0):
+            raise InputError(
+                f"the fit is not that of this model: {name} is {listed(fitted[name])} by the fit and {listed(value)} "
+                "in the model: export the model that was saved with this fit"
+            )
+
+
+def listed(values: Array) -> str:
+    """Return numbers with four digits, separated by commas; equal ones once."""
+    return ", ".join(dict.fromkeys(f"{v:.4g}" for v in np.ravel(values)))
+
+
 def parameter_slopes(model: Model, known: Uncertainty, steps: Array) -> dict[str, Array]:
     """Return the derivatives (P, ...) of those exported parameters that change with the P fitted values."""
     base, rows = exported_parameters(model), {name: [] for name in exported_parameters(model)}  # type: ignore[var-annotated]
@@ -134,8 +154,11 @@ def parameter_slopes(model: Model, known: Uncertainty, steps: Array) -> dict[str
             except InputError:  # at a physical limit: the other side alone
                 ends.append((0.0, base))
         (first, low), (last, high) = ends
+        if last == first:
+            raise InputError(f"parameter {known.names[k]}: the model takes no value beside {known.mean[k]:.4g}, around "
+                             "which the fit would draw: export without the fit")  # fmt: skip
         for name, slopes in rows.items():
-            slopes.append((high[name] - low[name]) / (h * max(last - first, 1.0)))
+            slopes.append((high[name] - low[name]) / (h * (last - first)))
     return {name: np.array(slopes) for name, slopes in rows.items() if np.any(slopes)}
 
 
@@ -206,6 +229,7 @@ def code(model: Model, provenance: Provenance) -> str:
     return "\n\n\n".join(parts) + "\n"
 
 
+IMPORTED = ("jax", "numpy", "typing")
 IMPORTS = """from typing import Any, NamedTuple
 
 import jax
@@ -219,7 +243,16 @@ Precision is that of the parameters: call jax.config.update("jax_enable_x64", Tr
 
 
 def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str, Any]) -> tuple[Path, ...]:  # noqa: ARG001
-    """Write a model as a module for JAX to `path`, and return the path."""
+    """Write a model as a module for JAX to `path`, and return the path.
+
+    Raises
+    ------
+    InputError
+        When Python cannot import a file of this name, or would import it in place of a package that the module needs.
+    """
+    if not path.stem.isidentifier() or iskeyword(path.stem) or path.stem in IMPORTED:
+        raise InputError(f"{path.name} cannot be imported as a Python module: use a name of letters, digits and "
+                         f"underscores that is no word of Python, nor {', '.join(IMPORTED)}")  # fmt: skip
     return (write_text(path, code(model, provenance)),)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.exporters.difference import Difference
 from pliant.files import content_of
+from pliant.identification.parameters import kind_of
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.file import model_to_dict, unit_of
@@ -22,11 +23,18 @@ from pliant.version import __version__
 
 
 class Uncertainty(NamedTuple):
-    """Fitted parameter values with their covariance matrix, in SI units."""
+    """Fitted parameter values with their covariance matrix and the bounds of the fit, in SI units."""
 
     names: tuple[str, ...]
     mean: np.ndarray  # (P,)
     covariance: np.ndarray  # (P, P)
+    bounds: np.ndarray | None = None  # (P, 2) lower and upper; None: those of the kind of each parameter
+
+    def limits(self) -> np.ndarray:
+        """Return the lower and the upper bounds (2, P) of the values, infinite where there is none."""
+        if self.bounds is not None:
+            return self.bounds.T
+        return np.array([[kind.lower, kind.upper] for kind in map(kind_of, self.names)]).reshape(-1, 2).T
 
 
 @dataclass(frozen=True)

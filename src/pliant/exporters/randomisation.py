@@ -84,11 +84,10 @@ def moved(model: Model, known: Uncertainty, rng: np.random.Generator) -> Model:
     size = np.where(size > 0, size, 1.0)
     step = size * rng.multivariate_normal(np.zeros(size.size), known.covariance / np.outer(size, size), method="eigh")
     values = dict(zip(known.names, (known.mean + step).tolist(), strict=True))
-    for name, value in values.items():
-        kind = kind_of(name)
-        if not kind.lower <= value <= kind.upper:
+    for (name, value), lower, upper in zip(values.items(), *known.limits(), strict=True):
+        if not lower <= value <= upper:
             raise InputError(f"parameter {name}: the value {value:.4g} drawn at random from the fit's covariance is "
-                             f"out of its bounds {kind.lower:.4g} to {kind.upper:.4g}")  # fmt: skip
+                             f"out of its bounds {lower:.4g} to {upper:.4g}")  # fmt: skip
     return apply(model, values)
 
 
@@ -120,19 +119,27 @@ def uncertainty_within(model: Model | str | Path, fit: FitResult | str | Path) -
 
 def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[str, Any]) -> Uncertainty:
     """Return the fitted parameters of the actuator and their covariance, from the tables of parameters and covariances
-    in a saved fit. Parameters that belong to a single recording are left out.
+    in a saved fit. Parameters that belong to a single recording or station are left out.
     """
-    chambers = {c.name for c in model.chambers}
+    owners = {"", *(c.name for c in model.chambers), *(e.name for e in model.extensions)}
     keep = [
         k for k, (name, hidden) in enumerate(zip(covariance["names"], covariance["hidden"], strict=True))
-        if not hidden and ("." not in name or name.partition(".")[0] in chambers)
+        if not hidden and name.rpartition(".")[0] in owners
     ]
     names = tuple(covariance["names"][k] for k in keep)
     matrix = np.asarray(covariance["matrix"], dtype=float)[np.ix_(keep, keep)]
     mean = np.array([float(rows[name]["value"]) for name in names])
     if not (np.isfinite(matrix).all() and np.isfinite(mean).all()):
         raise ValueError("a fit holds finite numbers")
-    return Uncertainty(names, mean, matrix)
+    bounds = np.array([bounds_within(name, rows[name]) for name in names]).reshape(-1, 2)
+    return Uncertainty(names, mean, matrix, bounds)
+
+
+def bounds_within(name: str, row: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the bounds of a parameter in a saved fit, within those of its kind."""
+    kind, lower, upper = kind_of(name), row.get("lower"), row.get("upper")
+    return (kind.lower if lower is None else max(kind.lower, float(lower)),
+            kind.upper if upper is None else min(kind.upper, float(upper)))
 
 
 def checked_errors(model: Model, errors: Mapping[str, float]) -> dict[str, float]:

@@ -102,6 +102,17 @@ def changed_names(model: Model) -> tuple[str, ...]:
     )
 
 
+def renamed(known: Uncertainty | None, model: Model) -> Uncertainty | None:
+    """Return fitted values whose names begin with the exported names of the model's parts, see `with_identifiers`."""
+    if known is None:
+        return None
+    written = with_identifiers(model)
+    parts = {old.name: new.name for attribute in KINDS.values()
+             for old, new in zip(getattr(model, attribute), getattr(written, attribute), strict=True)}  # fmt: skip
+    owners = [name.rpartition(".") for name in known.names]
+    return known._replace(names=tuple(f"{parts.get(owner, owner)}{dot}{name}" for owner, dot, name in owners))
+
+
 @dataclass(frozen=True)
 class Exporter:
     """An export target: its name, file extensions, supported model features, options and writing function.
@@ -261,7 +272,7 @@ def export(
     highest = stated_levels(target, "highest", chosen["highest"], loaded) if "highest" in chosen else None
     provenance = Provenance(
         loaded, target, command, named(loaded, lost), difference(loaded, reduced, highest) if lost else None,
-        dict(standard_errors or {}), notes, uncertainty=uncertainty,
+        dict(standard_errors or {}), notes, uncertainty=renamed(uncertainty, loaded),
     )
     files = exporter.write(with_identifiers(reduced), provenance, path, chosen)
     return Exported(target, files, provenance.left_out, provenance.difference, (*notes, *provenance.messages))

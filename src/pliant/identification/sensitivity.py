@@ -260,14 +260,14 @@ def same_steps(a: ForwardProblem, b: ForwardProblem) -> bool:
 
 def finite_difference(problems: list[ForwardProblem], stencil: Any, size: float) -> Slope:
     """Return the derivative of a simulation's inputs with respect to one parameter, as a weighted sum of the inputs at
-    the points of a finite-difference stencil.
+    the points of a finite-difference stencil. It is exactly 0 for inputs that do not change.
     """
     weights = [weight / size for _, weight in stencil]
 
-    def mix(*entries: Array) -> Any:
-        if all(e is entries[0] for e in entries):  # as set-ups that share their steps do
+    def mix(first: Array, *others: Array) -> Any:
+        if all(e is first for e in others):  # as set-ups that share their steps do
             return 0.0
-        return sum(w * e for w, e in zip(weights, entries, strict=True))
+        return sum(w * (e - first) for w, e in zip(weights[1:], others, strict=True))
 
     numbers = [m.numbers for m in problems]
     return Slope(mix(*map(in_one_row, numbers)), *(mix(*(getattr(m, name) for m in numbers)) for name in APART))
