@@ -190,7 +190,8 @@ def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
     for trial in trials:
         doubts = trial.quality.doubts
         warnings |= {f"{trial.name} {check}": f"{trial.path.name}: {line}" for check, line in doubts.items()}
-        for check, line in body_warnings(case, trial.grouped, trial.aligned if trial.has_scale else None).items():
+        known = case if trial.has_scale else replace(case, length=None)
+        for check, line in body_warnings(known, trial.grouped, trial.aligned if trial.has_scale else None).items():
             warnings.setdefault(check, line)
     warnings |= {f"{trial.name} {CHANGING}": line for trial in trials for line in unexplained(trial)}
     aligned = {trial.name: trial.aligned for trial in trials if trial.aligned is not None}
