@@ -1,7 +1,7 @@
 """Ten laboratories that record the same arm, each in its habits, and the study that a person who knows the arm writes.
 
-The arm moves in MuJoCo (`arm_in_mujoco`); every file is made here, by code. The study by hand reads the same numbers from
-tables of pliant's own, states the true structure, gravity and mounting, and frees what nobody can weigh or measure.
+The arm moves in MuJoCo (`arm_in_mujoco`); every file is made here, by code. The study by hand reads the same numbers
+from tables of pliant's own, states the true structure, gravity and mounting, and frees what nobody can weigh or measure.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ def vrpn(folder: Path) -> Laboratory:
         rows = [f"{1_771_000_000 + 977 * k + t:.4f},Tracker0,{','.join(f'{v:.6f}' for v in (*p, *q))}"
                 for t, p, q in zip(motion.time, tip, turn, strict=True)]  # fmt: skip
         files.append(lines(folder / f"{name}.csv", ["timestamp,tracker,x,y,z,qx,qy,qz,qw", *rows]))
-        log = [f"{1e3 * t + 2204.0:.1f},60.1,{p / PSI:.4f}" for t, p in zip(motion.time, motion.inputs[:, 0], strict=True)]
+        log = [f"{1e3 * t + 2204.0:.1f},60.1,{p / PSI:.4f}"
+               for t, p in zip(motion.time, motion.inputs[:, 0], strict=True)]  # fmt: skip
         files.append(lines(folder / f"{name}_daq.csv", ["elapsed (ms),supply (psi),chamber (psi)", *log]))
         tip[[60, 61, 62, 120]] = np.nan
         base = np.tile(ORIGIN, (len(tip), 1))
@@ -108,16 +109,17 @@ def motive(folder: Path) -> Laboratory:
         turns = np.tile(ROOM.as_quat(), (n, 1)), in_room_turned(motion.turn(1.0), seed=k)
         base[:8], turns[0][:8] = np.nan, np.nan
         stray = np.full((n, 6), np.nan)
-        stray[30:90, :3], stray[100:, 3:] = tip[30:90] + [0.01, 0.0, 0.02], 1.5
+        stray[30:90, :3], stray[100:, 3:] = tip[30:90] + np.array([0.01, 0.0, 0.02]), 1.5
         blocks = [("Rigid Body", "Plate", 7), ("Rigid Body", "Gripper", 7), ("Marker", "Unlabeled 3021", 3),
                   ("Marker", "Unlabeled 3022", 3)]  # fmt: skip
         kinds = [kind for kind, _, w in blocks for _ in range(w)]
         names = [label for _, label, w in blocks for _ in range(w)]
         roles = [r for _, _, w in blocks for r in (["Rotation"] * 4 + ["Position"] * 3 if w == 7 else ["Position"] * 3)]
         axes = [a for _, _, w in blocks for a in ("XYZWXYZ" if w == 7 else "XYZ")]
-        head = [f"Format Version,1.24,Take Name,{name},Capture Frame Rate,50.000000,Export Frame Rate,50.000000,Total "
-                f"Frames in Take,{n},Total Exported Frames,{n},Rotation Type,Quaternion,Length Units,Meters,"
-                "Coordinate Space,Global", "", ",Type," + ",".join(kinds), ",Name," + ",".join(names),
+        about = (f"Format Version,1.24,Take Name,{name},Capture Frame Rate,50.000000,Export Frame Rate,50.000000,Total "
+                 f"Frames in Take,{n},Total Exported Frames,{n},Rotation Type,Quaternion,Length Units,Meters,"
+                 "Coordinate Space,Global")  # fmt: skip
+        head = [about, "", ",Type," + ",".join(kinds), ",Name," + ",".join(names),
                 ",ID," + ",".join(names), ",," + ",".join(roles), "Frame,Time (Seconds)," + ",".join(axes)]  # fmt: skip
         values = np.hstack([turns[0], base, turns[1], tip, stray])
         rows = [f"{i},{motion.time[i]:.6f}," + ",".join("" if np.isnan(v) else f"{v:.6f}" for v in row)
@@ -129,7 +131,8 @@ def motive(folder: Path) -> Laboratory:
         with TdmsWriter(files[-1]) as writer:
             writer.write_segment([channel])
         tables[name] = wide(motion, np.stack([base, tip], axis=1), ("base", "tip"))
-    return Laboratory(files, tables, planar(1.0, recordings={"all": {"alignment": {"options": {"rest": [0.18, 0.38]}}}}))
+    late = {"alignment": {"options": {"rest": [0.18, 0.38]}}}
+    return Laboratory(files, tables, planar(1.0, recordings={"all": late}))
 
 
 def poses(folder: Path) -> Laboratory:
@@ -151,8 +154,8 @@ def poses(folder: Path) -> Laboratory:
             files.append(lines(folder / f"{name}.csv", [head, *rows]))
             names = ("base", "s1", "s2", "tip")
             motion = Motion(np.arange(40) / 100, np.zeros((40, 1)), frames, frames)
-            tables[name] = wide(motion, frames, names, inputs="")
-            recordings[name] = {"poses": "median", "inputs": {f"cable{cable + 1}": newton}}
+            tables[name.replace(".", "_")] = wide(motion, frames, names, inputs="")
+            recordings[name.replace(".", "_")] = {"poses": "median", "inputs": {f"cable{cable + 1}": newton}}
     stations = [{"name": n, "at": LENGTH * p} for n, p in zip(("s1", "s2", "tip"), (1 / 3, 2 / 3, 1.0), strict=True)]
     study = {"actuator": {**BODY, "space": True, "tendons": tendons, "stations": stations},
              "alignment": {"options": {**MOUNTED, "plane": ROOM.apply([1.0, 0.0, 0.0]).tolist()}},
@@ -239,13 +242,14 @@ def bag(folder: Path) -> Laboratory:
 
 
 def film(folder: Path) -> Laboratory:
-    """DeepLabCut's table of points in pixels of a film from the side, and a table of the steps that were typed [mbar]."""
+    """DeepLabCut's table of points in pixels of a film from the side, and a table of typed steps [mbar]."""
     files, tables = [], {}
     for k, scale in enumerate((0.5, 0.75, 1.0)):
         begins, typed = (0.4, 1.3, 2.0, 3.1), [round(600 * scale * f) for f in (1.0, 0.4, 0.8, 0.0)]
         motion = arm.pushed(tuple((b, 100.0 * p) for b, p in zip(begins, typed, strict=True)), duration=4.0, rate=40.0)
         points = motion.at(0.0, 0.5, 1.0)
-        side = np.stack([points[..., 0] * np.cos(arm.PLANE) + points[..., 1] * np.sin(arm.PLANE), points[..., 2]], axis=-1)
+        out = points[..., 0] * np.cos(arm.PLANE) + points[..., 1] * np.sin(arm.PLANE)
+        side = np.stack([out, points[..., 2]], axis=-1)
         side = side + NOISE * np.random.default_rng(k).standard_normal(side.shape)
         pixels = np.array([820.0, 95.0]) + 3200.0 * side  # downwards, as the arm hangs; 3.2 pixels a mm
         parts, name = ("clamp", "middle", "tip"), f"film_{'abc'[k]}"
@@ -279,12 +283,14 @@ def coils(folder: Path) -> Laboratory:
             if 70 <= i < 74:
                 cells[4:8] = ["-3,7E28"] * 3 + ["MISSING"]
             rows.append(";".join([f"{motion.time[i]:.3f}", *cells]).replace(".", ","))
-        head = "Time [s];Coil1_X [mm];Coil1_Y [mm];Coil1_Z [mm];Coil1_Status;Coil2_X [mm];Coil2_Y [mm];Coil2_Z [mm];Coil2_Status;Enc1"
+        named = [name for c in (1, 2) for name in (*(f"Coil{c}_{a} [mm]" for a in "XYZ"), f"Coil{c}_Status")]
+        head = ";".join(["Time [s]", *named, "Enc1"])
         files.append(lines(folder / f"em_{word}.csv", [head, *rows]))
         points[lost, 1] = np.nan
         head, columns = wide(motion, points, ("base", "tip"), inputs="")
         tables[f"em_{word}"] = [*head, "u_m"], np.hstack([columns, motion.inputs])
-    tendon = {"name": "Enc1", "driven_by": "displacement", "lever": LEVER, "line_stiffness": arm.LINE, "azimuth_deg": 90.0}
+    tendon = {"name": "Enc1", "driven_by": "displacement", "lever": LEVER, "line_stiffness": arm.LINE,
+              "azimuth_deg": 90.0}  # fmt: skip
     mapping = {"header": True, "time": "t", "length_unit": "m",
                "inputs": {"columns": ["u_m"], "kind": "displacement", "unit": "m", "names": ["Enc1"]},
                "stations": {s: {"position": [f"{a}_{s}" for a in "xyz"]} for s in ("base", "tip")}}  # fmt: skip
@@ -295,7 +301,7 @@ def coils(folder: Path) -> Laboratory:
 
 
 def bars(folder: Path) -> Laboratory:
-    """Bars between and behind the cells, units in a row of their own; the base's quaternion jumps to another symmetry."""
+    """Bars between and behind the cells, units in a row of their own; the base's quaternion jumps by half a turn."""
     files, tables = [], {}
     for k, (word, level) in enumerate(LEVELS.items()):
         motion, name = pulse(level), f"bench_{word}"

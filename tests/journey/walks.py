@@ -4,8 +4,8 @@
     python tests/journey/walks.py vrpn poses
 
 Lines are those of a mapping, besides the answers to "?". Minutes are processor time of `inspect`, `new` and `run`.
-Errors are those of the held-out recordings, % of their peak displacement (angles: of the largest angle): of the draft, of
-the study by hand, and of the plain map of the draft's report.
+Errors are those of the held-out recordings, % of their peak displacement (angles: of the largest angle): of the draft,
+of the study by hand, and of the plain map of the draft's report.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if __name__ == "__main__":
 
 import laboratories
 import numpy as np
-from arm_in_mujoco import DOWN, LENGTH, LEVER, MASS, ORIGIN, ROOM
+from arm_in_mujoco import DOWN, LEVER, ORIGIN, ROOM
 from command_line import invoke
 
 TANGENT = str(np.round(ROOM.apply([0.0, 0.0, 1.0]), 6).tolist())
@@ -43,7 +43,7 @@ class Walk(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a walk comes to: lines of the mapping, questions, minutes; held-out errors of draft, hand and plain map, %."""
+    """Lines of the mapping, questions, minutes of a walk; held-out errors of draft, hand and plain map, %."""
 
     lines: int
     asked: set[str]
@@ -61,11 +61,12 @@ WALKS = {
                               "tangent": TANGENT, "gravity": GRAVITY}),
     "matlab": Walk('struct = "experiments"\nposition = "markers"\norder = "sat"\nlength_unit = "mm"\n'
                    'pressure_unit = "psi"'),
-    "bag": Walk('[linear.pressure]\noffset = -100.9\nunit = "kPa"'),
+    "bag": Walk(answers={"offset": "-100.9"}),
     "film": Walk(answers={"rate_hz": "40.0", "pixels_per_mm": "3.2"}),
-    "coils": Walk(),
+    "coils": Walk(answers={"scale": str(1e3 * 0.015 * 2.0 * np.pi / 4096.0), "lever": str(LEVER),
+                           "gravity": GRAVITY}),
     "bars": Walk(),
-    "gratings": Walk('curvature = "K @ "\ncurvature_unit = "1/m"\narc_unit = "cm"'),
+    "gratings": Walk(answers={"curvature_unit": '"1/m"'}),
 }  # fmt: skip
 
 
@@ -85,6 +86,7 @@ def drafted(name: str, files: list[Path], folder: Path) -> tuple[Path, str]:
 def answered(text: str, walk: Walk) -> str:
     """The text of a draft with the answers in place of its open questions."""
     for entry, value in walk.answers.items():
+        assert f'{entry} = "?"' in text, f"{entry} is not asked"
         text = text.replace(f'{entry} = "?"', f"{entry} = {value}")
     return text
 
@@ -95,7 +97,8 @@ def held_out(folder: Path) -> tuple[float, float]:
     names = [n for n, record in metrics["records"].items() if record["role"] == "held_out"]
     key = next(k for k in metrics["records"][names[0]] if k.startswith("rmse_percent"))
     model = [metrics["records"][n][key] for n in names]
-    plain = [(metrics.get("baseline") or {}).get("records", {}).get(n, {}).get(key, np.nan) for n in names]
+    maps = next(iter(metrics["baseline"].values()), {"records": {}})["records"]
+    plain = [maps.get(n, {}).get(key, np.nan) for n in names]
     return tuple(float(np.sqrt(np.mean(np.square(part)))) for part in (model, plain))
 
 
@@ -136,18 +139,18 @@ def walked(name: str, folder: Path) -> Outcome:
     train, kept = split_of(tomllib.loads(study.read_text()), list(laboratory.tables))
     content = laboratories.by_hand(laboratory, hand, train, kept)
     (hand / "study.json").write_text(json.dumps(content))
-    return Outcome(len(WALKS[name].mapping.splitlines()), asked, minutes, draft, run(hand / "study.json", hand / "out")[0],
-                   plain)  # fmt: skip
+    by_hand, _ = run(hand / "study.json", hand / "out")
+    return Outcome(len(WALKS[name].mapping.splitlines()), asked, minutes, draft, by_hand, plain)
 
 
 def main() -> None:
     """Print a row for each laboratory."""
-    print("| laboratory | lines typed | `?` | minutes | draft, % | by hand, % | plain map, % |")  # noqa: T201
-    print("|---|---|---|---|---|---|---|")  # noqa: T201
+    print("| laboratory | lines typed | `?` | minutes | draft, % | by hand, % | plain map, % |")
+    print("|---|---|---|---|---|---|---|")
     for name in sys.argv[1:] or WALKS:
         with tempfile.TemporaryDirectory() as folder:
             one = walked(name, Path(folder))
-        print(f"| {name} | {one.lines} | {len(one.asked)} | {one.minutes:.1f} | {one.draft:.2g} | {one.hand:.2g} | "  # noqa: T201
+        print(f"| {name} | {one.lines} | {len(one.asked)} | {one.minutes:.1f} | {one.draft:.2g} | {one.hand:.2g} | "
               f"{one.plain:.2g} |", flush=True)  # fmt: skip
 
 

@@ -35,7 +35,8 @@ def curvature_columns(names: Sequence[str]) -> tuple[dict[str, Any], dict[str, s
     if curved is None or not any(map(is_time, names)):
         return {}, {}
     turned = next((g for g in groups if DIRECTION & {*words_of(g.start)} and g.arcs == curved.arcs), None)
-    entries = {"curvature": curved.start, "curvature_unit": curved.curvature_unit or OPEN, "arc_unit": curved.unit or OPEN}
+    entries = {"curvature": curved.start, "curvature_unit": curved.curvature_unit or OPEN,
+               "arc_unit": curved.unit or OPEN}  # fmt: skip
     if turned is not None:
         entries["direction"] = turned.start
     questions = {"curvature_unit": f"unit of the curvatures: {', '.join(PER_METRE)}",

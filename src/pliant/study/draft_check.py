@@ -26,7 +26,7 @@ from pliant.selection.fitted import FitSetting
 from pliant.selection.select import MINUTES
 from pliant.selection.slow import slow_body
 from pliant.selection.start import quick_start, slow_start
-from pliant.study.draft_tables import down
+from pliant.study.draft_tables import down, without_load
 from pliant.study.inspected import Inspected
 from pliant.study.prepare import without
 from pliant.study.run import prepare_all
@@ -193,6 +193,8 @@ def assumed_values(content: Mapping[str, Any], inspected: Inspected) -> dict[str
         "nominal_pressure": LEVEL_KPA, "tip_mass": PAYLOAD, "stop": length,
     }  # fmt: skip
     guess = trial.guess
+    if (level := without_load(inspected.trials)) is not None:
+        values["mapping.linear"] = {"pressure": {"offset": -level / 1e3, "unit": "kPa"}}
     proposed = {f"mapping.{name}": guess.neutral[name] for name in guess.questions} if guess else {}
     return {**values, **proposed, **({"mapping.camera.pixels_per_mm": pixels} if guess else {})}
 

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from pliant.preprocessing.plausibility.pressure import ABSOLUTE
 from pliant.preprocessing.side import alignment_of
+from pliant.study.column_guess import TableGuess
 from pliant.study.draft_inputs import LINKS, can_be_slack, input_names
 from pliant.study.inspected import LATER, Inspected
 from pliant.study.shorthand import OPEN
@@ -38,36 +40,58 @@ def camera(out: Lines, trials: Sequence[Trial]) -> None:
 
 def mapping_table(out: Lines, inspected: Inspected) -> None:
     """Write the [mapping] table: the proposed columns of tables that nobody described, or open questions for the units
-    of angle and pressure that no file states. The times of settled poses have no effect, so that nobody is asked for
-    their rate.
+    of angle and pressure that no file states, and for the atmosphere in pressures that seem absolute.
     """
-    trials, guess = inspected.trials, inspected.first.guess
-    if guess is not None:
+    if inspected.first.guess is not None:
+        proposed_mapping(out, inspected, inspected.first.guess)
+        return
+    asked = {k for trial in inspected.trials for k in trial.assumed if k != "camera"}
+    level = without_load(inspected.trials)
+    if asked or level is not None:
         out.table("mapping")
-        out.say("proposed from names, units, ranges and integer steps of the columns: check it", *guess.notes)
-        for name, value in guess.mapping.items():
-            if name == "stations" or name in inspected.first.assumed or name in inspected.entries_apart:
-                continue
-            if name == "rate_hz" and inspected.poses and value == OPEN:
-                out.put(name, 1.0, "the rows are settled poses, whose times have no effect")
-            elif name in guess.questions:
-                out.ask(name, guess.questions[name], None if value == OPEN else value, guess.questions[name])
-            else:
-                out.put(name, value)
-        out.questions += [f"{n}: {q}" for n, q in guess.questions.items() if guess.mapping[n] != OPEN]
-        stations = guess.mapping.get("stations", {})
-        out.table("mapping.stations") if stations else None
-        for name, columns in stations.items():
-            out.put(name, columns)
-        return
-    asked = {k for trial in trials for k in trial.assumed if k != "camera"}
-    if not asked:
-        return
-    out.table("mapping")
-    out.say("until you state these, degrees and kPa are assumed below")
+    if level is not None:
+        comment = (f"the pressure reads {level / 1e3:.4g} kPa without load: {-level / 1e3:.4g} subtracts the "
+                   "atmosphere, if it is absolute; 0.0 if it is gauge pressure")
+        out.put("linear", {"pressure": {"offset": OPEN, "unit": "kPa"}}, comment)
+        out.questions.append(f"offset: {comment}")
+    if asked:
+        out.say("until you state these, degrees and kPa are assumed below")
     for name, known in (("angle_unit", "deg or rad"), ("pressure_unit", "gauge: kPa, bar, mbar, psi, Pa")):
         if name in asked:
             out.ask(name, known)
+
+
+def proposed_mapping(out: Lines, inspected: Inspected, guess: TableGuess) -> None:
+    """Write the proposed [mapping] table of tables that nobody described. The times of settled poses have no effect, so
+    that nobody is asked for their rate.
+    """
+    out.table("mapping")
+    out.say("proposed from names, units, ranges and integer steps of the columns: check it", *guess.notes)
+    for name, value in guess.mapping.items():
+        if name == "stations" or name in inspected.first.assumed or name in inspected.entries_apart:
+            continue
+        if name == "rate_hz" and inspected.poses and value == OPEN:
+            out.put(name, 1.0, "the rows are settled poses, whose times have no effect")
+        elif name in guess.questions:
+            out.ask(name, guess.questions[name], None if value == OPEN else value, guess.questions[name])
+        else:
+            out.put(name, value)
+    out.questions += [f"{n}: {q}" for n, q in guess.questions.items() if guess.mapping[n] != OPEN]
+    stations = guess.mapping.get("stations", {})
+    out.table("mapping.stations") if stations else None
+    for name, columns in stations.items():
+        out.put(name, columns)
+
+
+def without_load(trials: Sequence[Trial]) -> float | None:
+    """Return the lowest first pressure [Pa] of recordings whose only pressure seems absolute, although nothing states
+    so; None for others.
+    """
+    if any(trial.log is not None or "linear" in (trial.mapping or {}) or len(trial.chambers) > 1 for trial in trials):
+        return None
+    if not all(ABSOLUTE in trial.quality.doubts and "pressure" in trial.recording for trial in trials):
+        return None
+    return min(float(np.median(trial.recording["pressure"].values[:5])) for trial in trials)
 
 
 def actuator(
@@ -90,7 +114,9 @@ def actuator(
         out.put("diameter", diameter, "m, outer, as you stated: used to check density, modulus and torque")
     else:
         out.say("diameter = 0.03  (m, outer: remove the # if you know it; used to check density, modulus and torque)")
-    if trial.angles_only:
+    if trial.angles_only and not inspected.space and trial.recording.sizes["station"] == 1:
+        out.put("links", 3, "one angle shows no more than an even bend: the joints share one stiffness")
+    elif trial.angles_only:
         out.say("links = 2  (default: one for each angle, as many as angles can determine)")
     elif not trial.dense and not trial.options and trial.recording.sizes["station"] == 1 and not trial.tendon_inputs:
         out.put("links", 3, "one tracked point shows no more than an even bend")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import permutations, takewhile
 from pathlib import Path
 from typing import Any
@@ -193,16 +193,15 @@ def apart_in_others(trials: Sequence[Trial]) -> list[Trial]:
     """Return the trials with every marker as a station of its own, if each file holds one pose and the markers that
     keep their distances in it have others in another file: they are on no rigid plate.
     """
-    first = trials[0]
-    if len(trials) < 2 or not all(t.stations and t.stations == first.stations for t in trials):
+    first = trials[0].recording
+    plates = {name: markers for trial in trials for name, markers in trial.stations.items() if len(markers) > 1}
+    alike = len({tuple(map(str, trial.recording["station"].values)) for trial in trials}) == 1
+    if not plates or not alike or len(trials) < 2 or any(trial.angles_only for trial in trials):
         return list(trials)
     medians = [np.nanmedian(trial.recording["position"].values, axis=0) for trial in trials]
     moved = float(np.nanmax(np.linalg.norm(np.array(medians) - medians[0], axis=-1)))
-    poses = first.recording.isel(time=np.zeros(len(trials), int)).drop_vars("time", errors="ignore")
-    poses = poses[["position"]].copy(data={"position": np.array(medians)})
-    if any(trial.peak_motion > STILL * moved for trial in trials) or all(
-        rigid(poses, markers) for markers in first.stations.values()
-    ):
+    poses = first[["position"]].isel(time=np.zeros(len(trials), int)).copy(data={"position": np.array(medians)})
+    if any(trial.peak_motion > STILL * moved for trial in trials) or all(map(partial(rigid, poses), plates.values())):
         return list(trials)
     alone = [replace(trial, stations={}) for trial in trials]
     return [with_alignment(replace(t, options=directions(t.recording, t.quality, {}, dense=t.dense))) for t in alone]
@@ -293,8 +292,8 @@ def described(trial: Trial) -> Trial:
     stations = dict(zip(trial.names, listed.values(), strict=True))
     note = (f"the names {', '.join(trial.names)} change places between the files: the point that stays where it is, "
             "is the base, and the distances of the others show their order")
-    return replace(trial, guess=replace(guess, notes=(*guess.notes, note), mapping={**guess.mapping, "stations": stations},
-                                        neutral={**guess.neutral, "stations": stations}))  # fmt: skip
+    mapping, neutral = ({**entries, "stations": stations} for entries in (guess.mapping, guess.neutral))
+    return replace(trial, guess=replace(guess, notes=(*guess.notes, note), mapping=mapping, neutral=neutral))
 
 
 def like_the_first(place: Array, first: Array) -> list[int]:
