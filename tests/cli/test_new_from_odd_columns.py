@@ -108,7 +108,7 @@ def test_points_in_pixels_are_tried_at_a_scale_that_fits_the_length(tmp_path: Pa
     time, _, base, tip = bending()
     head = ["scorer," + ",".join(["net"] * 6), "bodyparts,base,base,base,tip,tip,tip",
             "coords,x,y,likelihood,x,y,likelihood"]  # fmt: skip
-    rows = [f"{k},{4e3 * b[0] + 500:.2f},{900 - 4e3 * b[1]:.2f},0.99,{4e3 * e[0] + 500:.2f},{900 - 4e3 * e[1]:.2f},0.99"
+    rows = [f"{k},{4e3 * b[0] + 500:.2f},{90 - 4e3 * b[2]:.2f},0.99,{4e3 * e[0] + 500:.2f},{90 - 4e3 * e[2]:.2f},0.99"
             for k, (b, e) in enumerate(zip(base, tip, strict=True))]  # fmt: skip
     path = tmp_path / "film_30kPa.csv"
     path.write_text("\n".join([*head, *rows, ""]))

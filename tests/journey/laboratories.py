@@ -1,7 +1,7 @@
 """Ten laboratories that record the same arm, each in its habits, and the study that a person who knows the arm writes.
 
 The arm moves in MuJoCo (`arm_in_mujoco`); every file is made here, by code. The study by hand reads the same numbers
-from tables of pliant's own, states the true structure, gravity and mounting, and frees what nobody can weigh or measure.
+from tables of pliant's own, states the true structure, gravity and mounting, and frees what nobody can measure.
 """
 
 from __future__ import annotations
