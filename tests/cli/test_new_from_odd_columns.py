@@ -4,6 +4,7 @@ length, numbers that mark missing values; and of points in pixels, whose scale i
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -119,3 +120,13 @@ def test_points_in_pixels_are_tried_at_a_scale_that_fits_the_length(tmp_path: Pa
     assert "camera.pixels_per_mm" in assumed
     assert content["camera"]["pixels_per_mm"] == pytest.approx(4.0, rel=0.1)
     assert len(time) == len(rows)
+
+
+def test_a_proposed_entry_is_one_once_its_hash_is_removed(tmp_path: Path) -> None:
+    time, pressure, base, tip = bending()
+    rows = [",".join(f"{v:.6f}" for v in (t, p, *b, *e)) for t, p, b, e in zip(time, pressure, base, tip, strict=True)]
+    path = tmp_path / "push.csv"
+    path.write_text("\n".join(["t,p_kpa,x_base,y_base,z_base,x_tip,y_tip,z_tip", *rows, ""]))
+    drafted(tmp_path / "s.toml", path)
+    text = re.sub(r"(?m)^# (\w+ = )", r"\1", (tmp_path / "s.toml").read_text())
+    assert {"gravity", "diameter", "tip_mass"} <= set(tomllib.loads(text)["actuator"])

@@ -113,18 +113,18 @@ def actuator(
     if diameter is not None:
         out.put("diameter", diameter, "m, outer, as you stated: used to check density, modulus and torque")
     else:
-        out.say("diameter = 0.03  (m, outer: remove the # if you know it; used to check density, modulus and torque)")
+        out.propose("diameter", 0.03, "m, outer: remove the first # if you know it, to check density, modulus and torque")
     if trial.angles_only and not inspected.space and trial.recording.sizes["station"] == 1:
         out.put("links", 3, "one angle shows no more than an even bend: the joints share one stiffness")
     elif trial.angles_only:
-        out.say("links = 2  (default: one for each angle, as many as angles can determine)")
+        out.propose("links", 2, "default: one for each angle, as many as angles can determine")
     elif not trial.dense and not trial.options and trial.recording.sizes["station"] == 1 and not trial.tendon_inputs:
         out.put("links", 3, "one tracked point shows no more than an even bend")
         out.put("joint_placement", "midsegment")
     elif not trial.dense:
         out.put("links", LINKS)
         out.put("joint_placement", "midsegment", "five links then have the frequency of a continuous beam to 1 %")
-    out.say("tip_mass = 0.006  (kg, a cap or a load at the tip: remove the # if there is one)")
+    out.propose("tip_mass", 0.006, "kg, a cap or a load at the tip: remove the first # if there is one")
 
 
 def space_entry(out: Lines, inspected: Inspected) -> None:
@@ -140,7 +140,7 @@ def space_entry(out: Lines, inspected: Inspected) -> None:
     elif inspected.space:
         out.put("space", True, f"{reason}; remove this line to model the motion in that plane alone")
     elif 0.01 * share > NEARLY_PLANAR and not inspected.first.angles_only:
-        out.say(f"space = true  ({reason} and ignored: remove the # for a study in space)")
+        out.propose("space", True, f"{reason} and ignored: remove the first # for a study in space")
 
 
 def weight(out: Lines, inspected: Inspected, gravity: Sequence[float] | None) -> None:
@@ -162,7 +162,8 @@ def weight(out: Lines, inspected: Inspected, gravity: Sequence[float] | None) ->
     else:
         axes = "m/s^2, x and y of the base frame, +y along the base" if trials[0].angles_only else \
             f"m/s^2 in the axes of the tracker; {hanging(trials)}"
-        out.say(f"gravity = {down(trials) or [0.0, 0.0, -9.81]}  ({axes}; needed unless the body lies flat)")
+        out.propose("gravity", down(trials) or [0.0, 0.0, -9.81],
+                    f"{axes}; needed unless the body lies flat: remove the first #")  # fmt: skip
 
 
 def down(trials: Sequence[Trial]) -> list[float] | None:
@@ -243,7 +244,7 @@ def reduction(out: Lines, trials: Sequence[Trial]) -> None:
     widest = max(trials, key=lambda trial: trial.peak_motion)
     out.put("recording", widest.name, "the recording that determines the links; it has the largest motion")
     out.put("bound_mm", 3.0, "the smallest number of links with a shape error below this in every frame is used")
-    out.say("links = 5  (use this instead of bound_mm to set the number of links yourself)")
+    out.propose("links", 5, "use this instead of bound_mm to set the number of links yourself")
 
 
 def selection(out: Lines, inspected: Inspected) -> None:
