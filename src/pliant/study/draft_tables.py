@@ -113,7 +113,7 @@ def actuator(
     if diameter is not None:
         out.put("diameter", diameter, "m, outer, as you stated: used to check density, modulus and torque")
     else:
-        out.propose("diameter", 0.03, "m, outer: remove the first # if you know it, to check density, modulus and torque")
+        out.propose("diameter", 0.03, "m, outer: remove the first # if you know it: for checks of density and modulus")
     if trial.angles_only and not inspected.space and trial.recording.sizes["station"] == 1:
         out.put("links", 3, "one angle shows no more than an even bend: the joints share one stiffness")
     elif trial.angles_only:
