@@ -9,7 +9,7 @@ import pytest
 from walks import WALKS, walked
 
 MOST_LINES, MOST_ERROR = 6, 1.3  # of a mapping; times the held-out error of the study by hand
-WALKED = ("vrpn", "bars")
+WALKED = ("vrpn", "motive", "bars")
 
 
 @pytest.mark.slow

@@ -114,9 +114,7 @@ def actuator(
         out.put("diameter", diameter, "m, outer, as you stated: used to check density, modulus and torque")
     else:
         out.propose("diameter", 0.03, "m, outer: remove the first # if you know it: for checks of density and modulus")
-    if trial.angles_only and not inspected.space and trial.recording.sizes["station"] == 1:
-        out.put("links", 3, "one angle shows no more than an even bend: the joints share one stiffness")
-    elif trial.angles_only:
+    if trial.angles_only:
         out.propose("links", 2, "default: one for each angle, as many as angles can determine")
     elif not trial.dense and not trial.options and trial.recording.sizes["station"] == 1 and not trial.tendon_inputs:
         out.put("links", 3, "one tracked point shows no more than an even bend")
