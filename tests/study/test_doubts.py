@@ -102,9 +102,9 @@ def test_a_draft_names_what_is_wrong(tmp_path):
         add_atmosphere(columns)
         files.append(write_recording(tmp_path / f"{name}.csv", columns))
     draft = draft_study(files, tmp_path / "s.toml", length=0.12, mass=50.0, diameter=0.03)
-    assert any(line.startswith("low.csv: the pressure reads 101.3 kPa") for line in draft.doubts)
+    assert any(line.startswith("offset: the pressure reads 101.3 kPa") for line in draft.questions)
     assert any("kg/m3" in line for line in draft.doubts)
-    assert "# ! low.csv: the pressure reads" in draft.text
+    assert 'linear = { pressure = { offset = "?"' in draft.text
     write_study(tmp_path)
     right = draft_study(files, tmp_path / "s.toml", length=0.12, mass=0.05)
     assert right.doubts == ()

@@ -27,6 +27,7 @@ ORDERS = ("year-month-day", "day-month-year", "month-day-year")
 DAY = 86400.0  # s
 STATES = {"true": "1", "false": "0", "on": "1", "off": "0", "open": "1", "opened": "1", "closed": "0", "close": "0",
           "high": "1", "low": "0", "yes": "1", "no": "0"}  # fmt: skip
+MARKERS, NEARLY = (3.697314e28, 3.4028235e38, 1.7976931e308), 0.01  # size of NDI's; the largest numbers of 4, 8 bytes
 LATE = 0.5  # of a day: a time of day that falls by more has passed midnight
 
 
@@ -86,6 +87,19 @@ def without_marks(
     changed = rewritten(rows, delimiter, columns, change)
     listed = ", ".join(clipped(str(mark), 20) for mark in marks)
     return changed, [f"{count} cell(s) of {name} hold {listed} and are gaps"]
+
+
+def empty_markers(table: NDArray, name: str) -> list[str]:
+    """Turn the numbers (R, K) by which instruments mark a missing value, such as -3.697314E+28 of NDI's trackers, into
+    NaN in place, and return a sentence for the history that counts them; [] if there is none.
+    """
+    listed = []
+    for marker in MARKERS:
+        cells = np.abs(np.abs(table) / marker - 1.0) <= NEARLY
+        if count := int(cells.sum()):
+            listed.append(f"{count} value(s) of {name} are {marker:.3g} in size, which marks a missing one: gaps")
+            table[cells] = np.nan
+    return listed
 
 
 def with_states(

@@ -21,6 +21,7 @@ from pliant.errors import InputError, clipped, inside
 from pliant.recording.camera import in_plane
 from pliant.recording.cells import (
     cells_of,
+    empty_markers,
     ends_alike,
     is_one_of,
     with_seconds,
@@ -171,12 +172,11 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
         rows, clock = with_seconds(rows, delimiter, column, name)
         findings += clock
         header.in_seconds |= {column} if clock else set()
-    inputs = {header.index(column) for column in _inputs(options)}
-    rows, states = with_states(rows, delimiter, inputs, name)
+    rows, states = with_states(rows, delimiter, {header.index(column) for column in _inputs(options)}, name)
     findings += states
     rows = without_text(rows, delimiter, used - worded, header.width, header=named, words=worded)
     table = parse_numbers(rows, name=name, first_line=body + 1, delimiter=delimiter, columns=len(cells))
-    return header, table, texts, [*above, *united, *findings, *cut]
+    return header, table, texts, [*above, *united, *findings, *empty_markers(table, name), *cut]
 
 
 def header_of(cells: list[str], options: ColumnMapping, where: str) -> bool:

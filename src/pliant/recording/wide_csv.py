@@ -22,7 +22,7 @@ from pydantic import ConfigDict, Field
 
 from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
-from pliant.recording.cells import with_seconds, without_marks, without_trailing
+from pliant.recording.cells import empty_markers, with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
 from pliant.recording.column_names import (
     CLOCKS,
@@ -160,7 +160,7 @@ def _numbers(
     rows, clock = with_seconds(rows, delimiter, names.index(clock_name(names)), file)
     table, cut = read_rows([*lines[:first], *rows], first, delimiter, file, len(names), used)
     table, untimed = without_idle(table, names.index(clock_name(names)), used, file)
-    return table, [*findings, *clock, *cut, *untimed]
+    return table, [*findings, *clock, *cut, *empty_markers(table, file), *untimed]
 
 
 def write_wide_csv(recording: xr.Dataset, path: Path) -> None:

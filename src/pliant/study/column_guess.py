@@ -23,6 +23,7 @@ from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, par
 from pliant.recording.inclination import hanging
 from pliant.recording.joined_runs import LONGEST, TRIAL
 from pliant.recording.registry import describes_columns
+from pliant.study.curvature_columns import curvature_columns
 from pliant.study.input_guess import input_entries, pressure_question
 from pliant.study.long_tables import refuse_long
 from pliant.study.shorthand import OPEN
@@ -175,7 +176,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     stations = stations_by_name(table.names) or stations_by_standard(table.names)
     sensors = {} if stations else sensors_by_name(table)
     if not stations and not sensors:
-        return None
+        return curved(table)
     positions = {name: {part: [table.names[k] for k in columns] for part, columns in at.items()}
               for name, at in stations.items()}  # fmt: skip
     used = {k for at in stations.values() for columns in at.values() for k in columns} | stated_columns(table, stated)
@@ -205,6 +206,14 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     if trial is not None and (values := blocks(table.values[:, trial])):
         trials = (table.names[trial], values)
     return asked({**mapping, **inputs}, table, [note, of_times, *notes], trials)
+
+
+def curved(table: PlainTable) -> TableGuess | None:
+    """Return the proposal for a table of curvatures along a fibre; None for any other table."""
+    mapping, questions = curvature_columns(table.names)
+    assumed = {"curvature_unit": "1/m", "arc_unit": "mm"}
+    neutral = {name: assumed[name] if name in questions else value for name, value in mapping.items()}
+    return TableGuess(mapping, neutral, questions) if mapping else None
 
 
 def shape_entries(

@@ -10,6 +10,7 @@ from typing import Any, TypedDict, Unpack
 
 from pliant.options import with_defaults
 from pliant.preprocessing.plausibility import Case
+from pliant.preprocessing.plausibility.pressure import ABSOLUTE
 from pliant.preprocessing.plausibility.together import copies, exchanged
 from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
@@ -28,6 +29,7 @@ from pliant.study.draft_tables import (
     selection,
     space_entry,
     weight,
+    without_load,
 )
 from pliant.study.inspected import Inspected, inspect_all
 from pliant.study.toml_text import Lines
@@ -187,10 +189,12 @@ def unexplained(trial: Trial) -> list[str]:
 def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
     """Return the warnings about the recordings and the body, without duplicates."""
     warnings: dict[str, str] = {}
+    asked = {ABSOLUTE} if without_load(trials) is not None else set()
     for trial in trials:
-        doubts = trial.quality.doubts
+        doubts = {check: line for check, line in trial.quality.doubts.items() if check not in asked}
         warnings |= {f"{trial.name} {check}": f"{trial.path.name}: {line}" for check, line in doubts.items()}
-        for check, line in body_warnings(case, trial.grouped, trial.aligned if trial.has_scale else None).items():
+        known = case if trial.has_scale else replace(case, length=None)
+        for check, line in body_warnings(known, trial.grouped, trial.aligned if trial.has_scale else None).items():
             warnings.setdefault(check, line)
     warnings |= {f"{trial.name} {CHANGING}": line for trial in trials for line in unexplained(trial)}
     aligned = {trial.name: trial.aligned for trial in trials if trial.aligned is not None}

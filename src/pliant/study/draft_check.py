@@ -26,7 +26,7 @@ from pliant.selection.fitted import FitSetting
 from pliant.selection.select import MINUTES
 from pliant.selection.slow import slow_body
 from pliant.selection.start import quick_start, slow_start
-from pliant.study.draft_tables import down
+from pliant.study.draft_tables import down, without_load
 from pliant.study.inspected import Inspected
 from pliant.study.prepare import without
 from pliant.study.run import prepare_all
@@ -177,6 +177,9 @@ def assumed_values(content: Mapping[str, Any], inspected: Inspected) -> dict[str
     trial = inspected.first
     stated = content["actuator"].get("length")
     tangent, known = direction(inspected.trials), stated not in (None, OPEN)
+    pixels = 1.0  # to a mm, as the film was read first
+    if known and trial.assumed.get("camera") and (far := farthest(inspected.trials)):
+        pixels = REACH * far / stated
     length = stated if known else farthest(inspected.trials) or body_length(trial) or spread(trial)
     base, reach = unseen_base(inspected.trials, tangent, length)
     if not known:
@@ -185,12 +188,15 @@ def assumed_values(content: Mapping[str, Any], inspected: Inspected) -> dict[str
         "actuator.length": length, "actuator.mass": DENSITY * np.pi / 4 * (length / SLENDER) ** 2 * length,
         "actuator.gravity": [0.0, 0.0, 0.0], "fibre.body_length": length,
         "alignment.options.tangent": tangent, "alignment.options.origin": base,
-        "camera.rate_hz": 30.0, "camera.pixels_per_mm": 1.0, "mapping.angle_unit": "deg",
+        "camera.rate_hz": 30.0, "camera.pixels_per_mm": pixels, "mapping.angle_unit": "deg",
         "mapping.pressure_unit": "kPa", "driven_by": "tension", "lever": LEVER, "pulley": 2 * LEVER,
         "nominal_pressure": LEVEL_KPA, "tip_mass": PAYLOAD, "stop": length,
     }  # fmt: skip
     guess = trial.guess
-    return values | ({f"mapping.{name}": guess.neutral[name] for name in guess.questions} if guess else {})
+    if (level := without_load(inspected.trials)) is not None:
+        values["mapping.linear"] = {"pressure": {"offset": -level / 1e3, "unit": "kPa"}}
+    proposed = {f"mapping.{name}": guess.neutral[name] for name in guess.questions} if guess else {}
+    return {**values, **proposed, **({"mapping.camera.pixels_per_mm": pixels} if guess else {})}
 
 
 def fill(node: dict[str, Any], where: str, values: Mapping[str, Any], assumed: list[str]) -> None:

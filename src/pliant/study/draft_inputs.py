@@ -92,8 +92,8 @@ def chambers_in_plane(out: Lines, inspected: Inspected) -> None:
                     key=lambda one: one.pressure_ranges[channel] / sum(one.pressure_ranges.values()))  # fmt: skip
         out.item("actuator.chambers", name)
         if trial.aligned is None or trial.angles_only:
-            out.say("joints = [1, 2]  (the joints that it bends; default: all)",
-                    "joint_gain = -1.0  (for a chamber on the other side)")
+            out.propose("joints", [1, 2], "the joints that it bends; default: all")
+            out.propose("joint_gain", -1.0, "for a chamber on the other side")
             continue
         side, begin, end = chamber_span(trial.aligned, channel)
         evidence, part = f"as the stations of {trial.path.name} move", f"from {1e3 * begin:.0f} to {1e3 * end:.0f} mm"

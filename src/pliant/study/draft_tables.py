@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from pliant.preprocessing.plausibility.pressure import ABSOLUTE
 from pliant.preprocessing.side import alignment_of
+from pliant.study.column_guess import TableGuess
 from pliant.study.draft_inputs import LINKS, can_be_slack, input_names
 from pliant.study.inspected import LATER, Inspected
 from pliant.study.shorthand import OPEN
@@ -38,36 +40,58 @@ def camera(out: Lines, trials: Sequence[Trial]) -> None:
 
 def mapping_table(out: Lines, inspected: Inspected) -> None:
     """Write the [mapping] table: the proposed columns of tables that nobody described, or open questions for the units
-    of angle and pressure that no file states. The times of settled poses have no effect, so that nobody is asked for
-    their rate.
+    of angle and pressure that no file states, and for the atmosphere in pressures that seem absolute.
     """
-    trials, guess = inspected.trials, inspected.first.guess
-    if guess is not None:
+    if inspected.first.guess is not None:
+        proposed_mapping(out, inspected, inspected.first.guess)
+        return
+    asked = {k for trial in inspected.trials for k in trial.assumed if k != "camera"}
+    level = without_load(inspected.trials)
+    if asked or level is not None:
         out.table("mapping")
-        out.say("proposed from names, units, ranges and integer steps of the columns: check it", *guess.notes)
-        for name, value in guess.mapping.items():
-            if name == "stations" or name in inspected.first.assumed or name in inspected.entries_apart:
-                continue
-            if name == "rate_hz" and inspected.poses and value == OPEN:
-                out.put(name, 1.0, "the rows are settled poses, whose times have no effect")
-            elif name in guess.questions:
-                out.ask(name, guess.questions[name], None if value == OPEN else value, guess.questions[name])
-            else:
-                out.put(name, value)
-        out.questions += [f"{n}: {q}" for n, q in guess.questions.items() if guess.mapping[n] != OPEN]
-        stations = guess.mapping.get("stations", {})
-        out.table("mapping.stations") if stations else None
-        for name, columns in stations.items():
-            out.put(name, columns)
-        return
-    asked = {k for trial in trials for k in trial.assumed if k != "camera"}
-    if not asked:
-        return
-    out.table("mapping")
-    out.say("until you state these, degrees and kPa are assumed below")
+    if level is not None:
+        comment = (f"the pressure reads {level / 1e3:.4g} kPa without load: {-level / 1e3:.4g} subtracts the "
+                   "atmosphere, if it is absolute; 0.0 if it is gauge pressure")
+        out.put("linear", {"pressure": {"offset": OPEN, "unit": "kPa"}}, comment)
+        out.questions.append(f"offset: {comment}")
+    if asked:
+        out.say("until you state these, degrees and kPa are assumed below")
     for name, known in (("angle_unit", "deg or rad"), ("pressure_unit", "gauge: kPa, bar, mbar, psi, Pa")):
         if name in asked:
             out.ask(name, known)
+
+
+def proposed_mapping(out: Lines, inspected: Inspected, guess: TableGuess) -> None:
+    """Write the proposed [mapping] table of tables that nobody described. The times of settled poses have no effect, so
+    that nobody is asked for their rate.
+    """
+    out.table("mapping")
+    out.say("proposed from names, units, ranges and integer steps of the columns: check it", *guess.notes)
+    for name, value in guess.mapping.items():
+        if name == "stations" or name in inspected.first.assumed or name in inspected.entries_apart:
+            continue
+        if name == "rate_hz" and inspected.poses and value == OPEN:
+            out.put(name, 1.0, "the rows are settled poses, whose times have no effect")
+        elif name in guess.questions:
+            out.ask(name, guess.questions[name], None if value == OPEN else value, guess.questions[name])
+        else:
+            out.put(name, value)
+    out.questions += [f"{n}: {q}" for n, q in guess.questions.items() if guess.mapping[n] != OPEN]
+    stations = guess.mapping.get("stations", {})
+    out.table("mapping.stations") if stations else None
+    for name, columns in stations.items():
+        out.put(name, columns)
+
+
+def without_load(trials: Sequence[Trial]) -> float | None:
+    """Return the lowest first pressure [Pa] of recordings whose only pressure seems absolute, although nothing states
+    so; None for others.
+    """
+    if any(trial.log is not None or "linear" in (trial.mapping or {}) or len(trial.chambers) > 1 for trial in trials):
+        return None
+    if not all(ABSOLUTE in trial.quality.doubts and "pressure" in trial.recording for trial in trials):
+        return None
+    return min(float(np.median(trial.recording["pressure"].values[:5])) for trial in trials)
 
 
 def actuator(
@@ -89,16 +113,16 @@ def actuator(
     if diameter is not None:
         out.put("diameter", diameter, "m, outer, as you stated: used to check density, modulus and torque")
     else:
-        out.say("diameter = 0.03  (m, outer: remove the # if you know it; used to check density, modulus and torque)")
+        out.propose("diameter", 0.03, "m, outer: remove the first # if you know it: for checks of density and modulus")
     if trial.angles_only:
-        out.say("links = 2  (default: one for each angle, as many as angles can determine)")
+        out.propose("links", 2, "default: one for each angle, as many as angles can determine")
     elif not trial.dense and not trial.options and trial.recording.sizes["station"] == 1 and not trial.tendon_inputs:
         out.put("links", 3, "one tracked point shows no more than an even bend")
         out.put("joint_placement", "midsegment")
     elif not trial.dense:
         out.put("links", LINKS)
         out.put("joint_placement", "midsegment", "five links then have the frequency of a continuous beam to 1 %")
-    out.say("tip_mass = 0.006  (kg, a cap or a load at the tip: remove the # if there is one)")
+    out.propose("tip_mass", 0.006, "kg, a cap or a load at the tip: remove the first # if there is one")
 
 
 def space_entry(out: Lines, inspected: Inspected) -> None:
@@ -114,7 +138,7 @@ def space_entry(out: Lines, inspected: Inspected) -> None:
     elif inspected.space:
         out.put("space", True, f"{reason}; remove this line to model the motion in that plane alone")
     elif 0.01 * share > NEARLY_PLANAR and not inspected.first.angles_only:
-        out.say(f"space = true  ({reason} and ignored: remove the # for a study in space)")
+        out.propose("space", True, f"{reason} and ignored: remove the first # for a study in space")
 
 
 def weight(out: Lines, inspected: Inspected, gravity: Sequence[float] | None) -> None:
@@ -136,7 +160,8 @@ def weight(out: Lines, inspected: Inspected, gravity: Sequence[float] | None) ->
     else:
         axes = "m/s^2, x and y of the base frame, +y along the base" if trials[0].angles_only else \
             f"m/s^2 in the axes of the tracker; {hanging(trials)}"
-        out.say(f"gravity = {down(trials) or [0.0, 0.0, -9.81]}  ({axes}; needed unless the body lies flat)")
+        out.propose("gravity", down(trials) or [0.0, 0.0, -9.81],
+                    f"{axes}; needed unless the body lies flat: remove the first #")  # fmt: skip
 
 
 def down(trials: Sequence[Trial]) -> list[float] | None:
@@ -217,7 +242,7 @@ def reduction(out: Lines, trials: Sequence[Trial]) -> None:
     widest = max(trials, key=lambda trial: trial.peak_motion)
     out.put("recording", widest.name, "the recording that determines the links; it has the largest motion")
     out.put("bound_mm", 3.0, "the smallest number of links with a shape error below this in every frame is used")
-    out.say("links = 5  (use this instead of bound_mm to set the number of links yourself)")
+    out.propose("links", 5, "use this instead of bound_mm to set the number of links yourself")
 
 
 def selection(out: Lines, inspected: Inspected) -> None:

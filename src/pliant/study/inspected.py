@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import permutations, takewhile
 from pathlib import Path
 from typing import Any
@@ -15,17 +15,21 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.preprocessing.plausibility.together import alike
 from pliant.recording.column_names import words_of
+from pliant.study.column_guess import guessed_table
 from pliant.study.first_reading import several, with_logs
-from pliant.study.kinds import Kind, PoseOfFile, PoseOfRow, UnrecordedPressure, WithoutCause, recognised
+from pliant.study.kinds import STILL, Kind, PoseOfFile, PoseOfRow, UnrecordedPressure, WithoutCause, recognised
+from pliant.study.plates import one_body, rigid
 from pliant.study.shorthand import open_entries
 from pliant.study.trial import (
     Trial,
+    directions,
     from_first_frames,
     from_one_side,
     in_space,
     inspect_file,
     inspect_guessed,
     on_plates,
+    with_alignment,
 )
 
 Array = np.ndarray
@@ -169,7 +173,7 @@ def inspect_all(
     names = [trial.name for trial in trials]
     if not names or len(set(names)) < len(names):
         raise InputError(f"a study needs recordings with different file names, got {', '.join(names) or 'none'}")
-    trials = on_plates(trials)
+    trials = on_plates(apart_in_others(trials))
     kinds = recognised(trials)
     if all(isinstance(kind, PoseOfFile) for kind in kinds.values()):
         trials = in_one_order(trials)
@@ -183,6 +187,24 @@ def inspect_all(
     if not spatial and len(channels) > 1:
         trials = from_one_side(trials)
     return Inspected(trials, kinds, spatial, channels)
+
+
+def apart_in_others(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials with every marker as a station of its own, if each file holds one pose and the markers that
+    keep their distances in it have others in another file: they are on no rigid plate.
+    """
+    first = trials[0].recording
+    plates = {name: markers for trial in trials for name, markers in trial.stations.items() if len(markers) > 1}
+    alike = len({tuple(map(str, trial.recording["station"].values)) for trial in trials}) == 1
+    if not plates or not alike or len(trials) < 2 or any(trial.angles_only for trial in trials):
+        return list(trials)
+    medians = [np.nanmedian(trial.recording["position"].values, axis=0) for trial in trials]
+    moved = float(np.nanmax(np.linalg.norm(np.array(medians) - medians[0], axis=-1)))
+    poses = first[["position"]].isel(time=np.zeros(len(trials), int)).copy(data={"position": np.array(medians)})
+    if any(trial.peak_motion > STILL * moved for trial in trials) or all(map(partial(rigid, poses), plates.values())):
+        return list(trials)
+    alone = [replace(trial, stations={}) for trial in trials]
+    return [with_alignment(replace(t, options=directions(t.recording, t.quality, {}, dense=t.dense))) for t in alone]
 
 
 def channels_of(trials: Sequence[Trial]) -> dict[str, str]:
@@ -241,18 +263,37 @@ def in_one_order(trials: Sequence[Trial]) -> list[Trial]:
     unchanged if none does.
 
     Stations of tables that nobody described come in one order: base first, then by their distance from it in the first
-    pose.
+    pose. So do those whose names differ in numbers alone, such as M1 and M2, if the numbers change places between the
+    files: the base has not the same one in all.
     """
     medians = [np.nanmedian(trial.grouped["position"].values, axis=0) for trial in trials]  # (S, 3) of each
     gaps = np.array([[np.linalg.norm(p - point, axis=1).min() for p in medians] for point in medians[0]])  # (S, files)
     still = int(np.argmin(gaps.max(axis=1)))
     if gaps[still].max() > BASE_STILL * gaps.max():
         return list(trials)
-    base, done = medians[0][still], []
+    base = medians[0][still]
     first = medians[0][np.argsort(np.linalg.norm(medians[0] - base, axis=1))]
-    for trial, median in zip(trials, medians, strict=True):
-        done.append(ordered(trial, like_the_first(median, first)))
-    return done
+    orders = [like_the_first(median, first) for median in medians]
+    names = [tuple(trial.names) for trial in trials]
+    numbered = len({*names}) == 1 and bool(one_body(names[0]))
+    if numbered and len({order[0] for order in orders}) > 1 and all(trial.guess is None for trial in trials):
+        trials = [described(trial) for trial in trials]
+    return [ordered(trial, order) for trial, order in zip(trials, orders, strict=True)]
+
+
+def described(trial: Trial) -> Trial:
+    """Return the trial with a proposed mapping of its table, which names the columns of each station; unchanged if its
+    file is no table.
+    """
+    guess = guessed_table(trial.path, trial.mapping)
+    listed = {} if guess is None else guess.mapping.get("stations", {})
+    if guess is None or len(listed) != len(trial.names):
+        return trial
+    stations = dict(zip(trial.names, listed.values(), strict=True))
+    note = (f"the names {', '.join(trial.names)} change places between the files: the point that stays where it is, "
+            "is the base, and the distances of the others show their order")
+    mapping, neutral = ({**entries, "stations": stations} for entries in (guess.mapping, guess.neutral))
+    return replace(trial, guess=replace(guess, notes=(*guess.notes, note), mapping=mapping, neutral=neutral))
 
 
 def like_the_first(place: Array, first: Array) -> list[int]:
@@ -273,7 +314,7 @@ def ordered(trial: Trial, order: Sequence[int]) -> Trial:
     """Return the trial with its stations in another order, the first of which is the base, if its file is a table that
     nobody described; else with the base alone.
     """
-    names = list(trial.stations) or [str(s) for s in trial.recording["station"].values]
+    names = trial.names
     if trial.guess is None:
         return replace(trial, options=pose_options(trial, names[order[0]]))
     listed = trial.guess.mapping["stations"]

@@ -78,8 +78,8 @@ class PoseOfFile(Kind):
         if any(moving_inputs(t) for t in trials) or len({t.recording.sizes["station"] for t in trials}) > 1:
             return ""
         within = max(float(max(t.quality.travel_m.values())) for t in trials)
-        centre = np.array([np.nanmedian(t.recording["position"].values, axis=(0, 1)) for t in trials])
-        between = float(np.linalg.norm(centre - centre[0], axis=1).max())
+        points = [np.nanmedian(t.recording["position"].values, axis=0) for t in trials]  # (S, 3) of each, in any order
+        between = max(float(np.linalg.norm(p[:, None] - points[0], axis=-1).min(axis=1).max()) for p in points)
         return "nothing moves in this file, and the files differ: it is one settled pose" \
             if within < STILL * between else ""
 

@@ -10,7 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.recording.cells import cells_of, ends_alike, is_time_of_day, with_seconds, with_states, without_trailing
+from pliant.recording.cells import (
+    cells_of,
+    empty_markers,
+    ends_alike,
+    is_time_of_day,
+    with_seconds,
+    with_states,
+    without_trailing,
+)
 from pliant.recording.column_names import base_to_tip, is_no_place, standard_names, stations_of, words_of
 from pliant.recording.tables import (
     DELIMITERS,
@@ -77,6 +85,7 @@ def plain_table(path: Path) -> PlainTable | None:
     rows = with_states(rows, delimiter, range(len(first)))[0]
     numbers = without_text(rows, delimiter, (), len(first)) if names else rows
     values = parse_numbers(numbers, name=path.name, first_line=1, delimiter=delimiter, columns=len(first))
+    empty_markers(values, path.name)
     texts = cells_of(rows, delimiter, np.flatnonzero(np.isnan(values).all(axis=0)).tolist())
     return PlainTable(names, values, delimiter or "space", frozenset(of_day), texts)
 

@@ -69,6 +69,11 @@ class Lines:
         """Add a line ``name = value``, with an optional comment."""
         self.text.append(f"{key(name)} = {toml(value)}" + (f"  # {comment}" if comment else ""))
 
+    def propose(self, name: str, value: Any, comment: str) -> None:
+        """Add a line ``name = value`` as a comment, which becomes an entry if its # is removed."""
+        self.put(name, value, comment)
+        self.text[-1] = f"# {self.text[-1]}"
+
     def ask(self, name: str, question: str, value: Any = None, known: str = "") -> None:
         """Add a line ``name = value`` or, if the value is None, a line ``name = "?"`` with the question as comment."""
         if value is not None:

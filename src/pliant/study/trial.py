@@ -121,6 +121,11 @@ class Trial:
         return assemble(self.recording, self.stations) if self.stations else self.recording
 
     @property
+    def names(self) -> list[str]:
+        """Return the names of the stations, from grouped markers if there are groups."""
+        return list(self.stations) or [str(s) for s in self.recording["station"].values]
+
+    @property
     def base(self) -> str:
         """Return the name of the base station."""
         report = json.loads(str(self.recording.attrs.get("alignment", "{}")))
@@ -162,7 +167,7 @@ class Trial:
     @property
     def tracks_one_body(self) -> bool:
         """Return whether a single point or rigid body was tracked."""
-        return (len(self.stations) or int(self.recording.sizes["station"])) == 1
+        return len(self.names) == 1
 
     @property
     def chambers(self) -> list[str]:
@@ -189,8 +194,7 @@ class Trial:
     @property
     def dense(self) -> bool:
         """Return whether the file has enough stations to describe the shape all along the body."""
-        count = len(self.stations) or int(self.recording.sizes["station"])
-        return not self.angles_only and count >= DENSE_STATIONS
+        return not self.angles_only and len(self.names) >= DENSE_STATIONS
 
     @property
     def capped(self) -> bool:

@@ -16,6 +16,7 @@ from pliant.units import PASCAL
 
 SLOWEST, FASTEST = 1.0, 5e-5  # s from sample to sample
 LEAST_PRESSURE, MOST_PRESSURE = 1e3, 2e6  # Pa: usual pressures of soft actuators
+ABSOLUTE = "absolute pressure"  # name of a check
 ATMOSPHERE = (7.9e4, 1.08e5)  # Pa: at 2000 m in low weather, and at sea level in high weather
 VENTED = 2e4  # Pa: the gauge pressure of a vented body falls below it
 OFFSET, HELD = 0.1, 0.5  # of the highest pressure: a vented body falls below the first, a held one stays above
@@ -166,7 +167,7 @@ CHECKS = (
     Check("unit of pressure", "recording", "the highest measured pressure",
           f"the highest pressure is outside {LEAST_PRESSURE / 1e3:g} kPa to {MOST_PRESSURE / 1e6:g} MPa, the usual "
           "range of soft actuators", unit),
-    Check("absolute pressure", "recording", "the measured pressure at its start and where it is lowest",
+    Check(ABSOLUTE, "recording", "the measured pressure at its start and where it is lowest",
           f"the pressure at the start or the lowest one is within {ATMOSPHERE[0] / 1e3:g} to {ATMOSPHERE[1] / 1e3:g} "
           f"kPa, the atmosphere up to 2000 m, and the pressure is never below {VENTED / 1e3:g} kPa", absolute),
     Check("raw counts", "recording", "steps and lowest value of the measured pressure",

@@ -1,0 +1,132 @@
+"""Drafts of tables whose columns mislead or go on in a series: numbers of markers that change places, curvatures by arc
+length, numbers that mark missing values; and of points in pixels, whose scale is open.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import invoke
+from unit_tables import bending
+
+from pliant.study.draft import draft_study
+from pliant.study.draft_check import answered
+
+pytestmark = pytest.mark.usefixtures("untried")
+LENGTH, BASE = 0.12, np.array([0.3, -0.2, 1.1])
+
+
+def pose(path: Path, curvature: float, order: list[int]) -> Path:
+    """A table of one pose [mm] of a body of even curvature: markers every 40 mm, in any order of numbers."""
+    s = LENGTH * np.array([0.0, 1 / 3, 2 / 3, 1.0])
+    points = np.column_stack([(1 - np.cos(curvature * s)) / curvature, 0 * s, np.sin(curvature * s) / curvature])
+    rng = np.random.default_rng(int(10 * curvature))
+    frames = 1e3 * (BASE + points + 5e-5 * rng.standard_normal((30, 4, 3)))[:, order]
+    head = ["t_s", *(f"M{m}_{a}_mm" for m in (1, 2, 3, 4) for a in "xyz")]
+    rows = [f"{k / 50:.2f}," + ",".join(f"{v:.3f}" for v in frame.ravel()) for k, frame in enumerate(frames)]
+    path.write_text("\n".join([",".join(head), *rows, ""]))
+    return path
+
+
+def drafted(study: Path, *files: Path) -> tuple[dict, str]:
+    done = invoke("new", study, "--from", *files, "--length", "120mm", "--mass", "50g")
+    assert done.exit_code == 0, done.exception or done.output
+    return tomllib.loads(study.read_text()), done.output
+
+
+@pytest.mark.parametrize("largest", [4.0, 14.0])  # 1/m; bent by 96 degrees, the markers are on no line
+def test_markers_whose_numbers_change_places_come_in_one_order(tmp_path: Path, largest: float) -> None:
+    orders = [[0, 1, 2, 3], [2, 0, 3, 1], [3, 2, 1, 0]]
+    files = [pose(tmp_path / f"cable_{k + 1}.0N.csv", largest * (k + 2) / 4, order) for k, order in enumerate(orders)]
+    study, _ = drafted(tmp_path / "s.toml", *files)
+    stated = study["mapping"]["stations"]
+    for k, order in enumerate(orders):
+        stations = study["recordings"][f"cable_{k + 1}_0N"].get("mapping", {}).get("stations", stated)
+        assert [*stations] == ["base", "p1", "p2", "tip"]
+        assert [column["position"][0] for column in stations.values()] == [
+            f"M{order.index(marker) + 1}_x_mm" for marker in range(4)]  # fmt: skip
+    assert "the names M1, M2, M3, M4 change places between the files" in (tmp_path / "s.toml").read_text()
+
+
+def test_markers_whose_numbers_stay_keep_their_names(tmp_path: Path) -> None:
+    files = [pose(tmp_path / f"cable_{k}.0N.csv", 2.0 * k, [0, 1, 2, 3]) for k in (1, 2, 3)]
+    study, _ = drafted(tmp_path / "s.toml", *files)
+    assert study["alignment"]["options"]["base"] == "M1"
+    assert "mapping" not in study
+
+
+@pytest.mark.parametrize("marker", ["-3.697314E+28", "3.4028235e+38", "-3.7E28"])
+def test_numbers_that_mark_missing_values_are_gaps_and_counted(tmp_path: Path, marker: str) -> None:
+    time, pressure, base, tip = bending()
+    rows = []
+    for k, t in enumerate(time):
+        cells = [f"{1e3 * v:.3f}" for v in tip[k]] if k not in (50, 51) else [marker] * 3
+        rows.append(",".join([f"{t:.3f}", *(f"{1e3 * v:.3f}" for v in base[k]), *cells, f"{pressure[k]:.3f}"]))
+    names = ["t", *(f"{s}_{a}_mm" for s in ("base", "tip") for a in "xyz"), "p_kpa"]
+    path = tmp_path / "coil.csv"
+    path.write_text("\n".join([",".join(names), *rows, ""]))
+    shown = invoke("inspect", path)
+    assert shown.exit_code == 0, shown.exception or shown.output
+    assert "6 value(s) of coil.csv are 3." in shown.output
+    assert "drop-outs: tip 2" in shown.output
+
+
+def gratings(path: Path, start: str, behind: str, arcs: list[str]) -> Path:
+    """Text of an interrogator: a body of even curvature that a pressure bends."""
+    time = np.arange(0.0, 2.0, 0.02)
+    level = np.where((time > 0.5) & (time < 1.5), 40.0, 0.0)
+    names = ["Time [s]", *(f"{start}{arc}{behind}" for arc in arcs), "Pressure [kPa]"]
+    rows = ["\t".join([f"{t:.2f}", *[f"{0.2 * p:.4f}"] * len(arcs), f"{p:.2f}"])
+            for t, p in zip(time, level, strict=True)]  # fmt: skip
+    path.write_text("\n".join(["Interrogator", "", "\t".join(names), *rows, ""]))
+    return path
+
+
+@pytest.mark.parametrize(("start", "behind", "arcs", "asked", "unit"), [
+    ("K @ ", " cm", ["0.0", "2.5", "5.0", "7.5", "10"], {"curvature_unit"}, "cm"),
+    ("Curvature ", " mm (1/m)", ["0", "25", "50", "75", "100"], set(), "mm"),
+    ("kappa_", "", ["0", "25", "50", "75", "100"], {"curvature_unit", "arc_unit"}, "?"),
+])  # fmt: skip
+def test_curvatures_by_arc_length_need_no_mapping(tmp_path: Path, start, behind, arcs, asked, unit) -> None:
+    study, said = drafted(tmp_path / "s.toml", gratings(tmp_path / "fbg.txt", start, behind, arcs))
+    assert {line[2:].partition(":")[0] for line in said.splitlines() if line.startswith("? ")} == asked
+    assert study["mapping"]["curvature"] == start
+    assert study["mapping"]["arc_unit"] == unit
+
+
+def test_numbered_channels_are_no_curvatures(tmp_path: Path) -> None:
+    path = gratings(tmp_path / "log.txt", "Channel ", "", ["1", "2", "3", "4"])
+    done = invoke("new", tmp_path / "s.toml", "--from", path)
+    assert done.exit_code
+    assert "holds inputs alone" in str(done.exception)
+
+
+def test_points_in_pixels_are_tried_at_a_scale_that_fits_the_length(tmp_path: Path) -> None:
+    time, _, base, tip = bending()
+    head = ["scorer," + ",".join(["net"] * 6), "bodyparts,base,base,base,tip,tip,tip",
+            "coords,x,y,likelihood,x,y,likelihood"]  # fmt: skip
+    rows = [f"{k},{4e3 * b[0] + 500:.2f},{90 - 4e3 * b[2]:.2f},0.99,{4e3 * e[0] + 500:.2f},{90 - 4e3 * e[2]:.2f},0.99"
+            for k, (b, e) in enumerate(zip(base, tip, strict=True))]  # fmt: skip
+    path = tmp_path / "film_30kPa.csv"
+    path.write_text("\n".join([*head, *rows, ""]))
+    draft = draft_study([path], tmp_path / "s.toml", length=0.12, mass=0.05)
+    assert not any("length_unit" in doubt for doubt in draft.doubts)
+    assert draft.inspected is not None
+    content, assumed = answered(tomllib.loads(draft.text), draft.inspected)
+    assert "camera.pixels_per_mm" in assumed
+    assert content["camera"]["pixels_per_mm"] == pytest.approx(4.0, rel=0.1)
+    assert len(time) == len(rows)
+
+
+def test_a_proposed_entry_is_one_once_its_hash_is_removed(tmp_path: Path) -> None:
+    time, pressure, base, tip = bending()
+    rows = [",".join(f"{v:.6f}" for v in (t, p, *b, *e)) for t, p, b, e in zip(time, pressure, base, tip, strict=True)]
+    path = tmp_path / "push.csv"
+    path.write_text("\n".join(["t,p_kpa,x_base,y_base,z_base,x_tip,y_tip,z_tip", *rows, ""]))
+    drafted(tmp_path / "s.toml", path)
+    text = re.sub(r"(?m)^# (\w+ = )", r"\1", (tmp_path / "s.toml").read_text())
+    assert {"gravity", "diameter", "tip_mass"} <= set(tomllib.loads(text)["actuator"])
