@@ -211,10 +211,10 @@ class TrainingResiduals:
         and in motion.
 
         With the weighting "travel", residuals and displacements are taken relative to each recording's peak
-        displacement and scaled back by that of the prediction `modelled` (T, S, ...). The constant is then a sum of
-        two: one relative to the peak displacement, one of the same size [m] in all recordings. A prediction with a
-        smaller peak displacement than all training recordings errs as much as the smallest of them does. A station
-        without training data gets the mean of all stations.
+        displacement and scaled back by that of the prediction `modelled` (T, S, ...). A prediction with a smaller
+        peak displacement than all training recordings errs as much as the smallest of them does. The constant is taken
+        relative to the peak displacement, or as a sum of this and one of the same size [m] in all recordings, whichever
+        gives the larger residuals. A station without training data gets the mean of all stations.
         """
         share = self.weighting == "travel"
         return noise_like(self.train, self.motions, experiment, modelled, share=share)
@@ -255,7 +255,10 @@ def noise_like(
     way = farthest(path, poses=True) if experiment.poses else float(np.linalg.norm(path - path[0], axis=1).max())
     unit = max(way, least, 1e-12) if share else 1.0
     own = with_rest(motion_traits(experiment.time, modelled, unit, settled=experiment.poses), least / unit)
-    variances = {name: variance_by(own, *map(np.concatenate, zip(*parts, strict=True))) for name, parts in left.items()}
+    variances = dict[str, Array]()
+    for name, parts in left.items():
+        traits, square = map(np.concatenate, zip(*parts, strict=True))
+        variances[name] = np.maximum(variance_by(own, traits, square), variance_by(own[:, :-1], traits[:, :-1], square))
     usual: Array = np.mean(list(variances.values()), axis=0)
     return np.asarray(unit * np.sqrt(np.stack([variances.get(n, usual) for n in experiment.stations], axis=1)))
 
@@ -281,8 +284,8 @@ def with_rest(traits: Array, ratio: float) -> Array:
 
 
 def variance_by(own: Array, traits: Array, square: Array) -> Array:
-    """Return the expected squared residuals (T, C) of C coordinates at T times with the regressors `own` (T, 3). They
-    follow from a fit to M samples: squared residuals `square` (M, C) at the regressors `traits` (M, 3).
+    """Return the expected squared residuals (T, C) of C coordinates at T times with the regressors `own` (T, k). They
+    follow from a fit to M samples: squared residuals `square` (M, C) at the regressors `traits` (M, k).
     """
     from scipy.optimize import nnls
 
