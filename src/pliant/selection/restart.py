@@ -16,7 +16,7 @@ from pliant.selection.terms import Term
 
 
 def restarted(search: RunningSearch, term: Term) -> bool:
-    """Adopt the model in which one of the chosen terms makes room for another that explains better what it explains, if
+    """Adopt the model in which another term takes the place of one that is chosen, whose effect it explains better, if
     left-out parts are then predicted better by 3 %. Return whether there is one.
 
     The term begins anew after the other one, from each row of its grid, or leaves the model.
