@@ -107,7 +107,7 @@ def test_stiffness_and_gains_without_weight_are_known_as_ratios(
     said = combinations(problem, np.array(values) / problem.scale, spread(names, values, scale, ratio))
     assert any(SCALE in s for s in said) == known
     if known:
-        assert "to 3 %; their common scale only to 30 %" in said[0]
+        assert "to 2.8 %; their common scale only to 30 %" in said[0]
 
 
 def test_the_pull_of_a_thread_shows_the_common_scale(truth: Model, pulse: Any) -> None:

@@ -109,8 +109,10 @@ def begun_with(name: str, values: dict[str, float], train: list[Experiment]) -> 
     parameters = [Parameter("stiffness", 0.5), Parameter("damping", 3e-3), Parameter("torque_1", 6e-7),
                   *(Parameter(n, v) for n, v in values.items())]  # fmt: skip
     best = fitted(setting, GIVEN, parameters)
+    first = [p.with_(value=best.values[p.name]) for p in parameters if p.name not in values]
     now = clock.monotonic()
-    return Search(setting, GIVEN, best, tuple(terms.values()), now, now + 300, lambda _line: None, None, [terms[name]])
+    return Search(setting, GIVEN, best, tuple(terms.values()), now, now + 300, lambda _line: None, None, [terms[name]],
+                  first=first)
 
 
 @pytest.mark.slow
@@ -121,6 +123,7 @@ def test_a_term_that_stands_for_another_leaves_the_model_for_it():
     before = search.score
     assert restarted(search, creep)
     assert [t.name for t in search.chosen if t is not creep] == ["lag"]
+    assert ("creep_share_1" in search.best.free) == (creep in search.chosen)
     assert search.score < 0.5 * before
     assert search.best.values["valve_rise_time"] > 0.03
 
@@ -230,6 +233,21 @@ def test_a_search_that_was_killed_goes_on_where_it_was(tmp_path):
     assert found.complete
     file.path.write_text('{"key": "a", "terms": 3}')
     assert file.load() is None
+
+
+@pytest.mark.slow
+def test_a_search_that_goes_on_drops_a_term_with_its_parameters(tmp_path):
+    train = two(chain())
+    setting, file = FitSetting(tuple(train), 0.005), SearchFile(tmp_path / "search.json", "a")
+    first = [Parameter("stiffness", 0.5), Parameter("damping", 3e-3), Parameter("torque_1", 6e-7)]
+    joints = next(t for t in terms_for(GIVEN, train, only=["joints"]))
+    best = fitted(setting, GIVEN, [*first[1:], *joints.begun({}, {"stiffness_1": 0.5, "stiffness_2": 0.5}),
+                                   Parameter("creep_share_1", 0.01), Parameter("creep_time_1", 0.5)])  # fmt: skip
+    step = SelectionStep("creep", "creep", best.free, best.cost, {"low": 1.0}, {"low": 1.0})
+    file.save(["joints", "creep"], [step], best, first, 0.005, 1.0)
+    found = select_model(train, GIVEN, terms=terms_for(GIVEN, train, only=["joints", "creep"]), file=file)
+    assert found.terms == ()
+    assert {p.name for p in found.result.parameters if p.free} == {"stiffness", "damping", "torque_1"}
 
 
 def test_a_term_that_is_fitted_when_the_time_ends_is_kept(monkeypatch):

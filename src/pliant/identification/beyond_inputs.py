@@ -1,4 +1,4 @@
-"""Doubt of gains where inputs leave the range of the training recordings.
+"""Uncertainty of gains where inputs leave the range of the training recordings.
 
 An error of the model passes for the effect of an input that moves little in training: if all inputs together move the
 body ten times as far as this one does, an error of 5 % of the motion is one of 50 % of its gain. Training recordings

@@ -312,9 +312,9 @@ def common_scale(problem: Problem, x: Array, found: Covariance) -> list[str]:
         return []
     listed = join_words([found.names[i] for i in part])
     return [(
-        f"{listed} are known as ratios, to {100 * ratios:.1g} %; their common scale only to {100 * scale:.0f} %, from "
-        "inertia, about which delays and friction that the model lacks mislead. A recording under gravity or with a "
-        "known force shows it."
+        f"{listed} are known as ratios, to {100 * ratios:.2g} %; their common scale only to {100 * scale:.0f} %, from "
+        "inertia. Delays or friction that the model lacks falsify it. Add a recording under gravity or with a known "
+        "force."
     )]
 
 

@@ -247,14 +247,14 @@ def noise_like(
     for exp, rows in zip(train, motions, strict=True):
         unit = exp.travel if share else 1.0
         square = ((rows - exp.compared) / unit) ** 2
-        traits = with_rest(motion_traits(exp.time, rows, unit, settled=exp.poses), least / unit)
+        traits = with_constant(motion_traits(exp.time, rows, unit, settled=exp.poses), least / unit)
         for k, name in enumerate(exp.stations):
             if np.isfinite(square[:, k]).any(axis=0).all():
                 left.setdefault(name, []).append((traits, square[:, k]))
     path = modelled[:, -1]
     way = farthest(path, poses=True) if experiment.poses else float(np.linalg.norm(path - path[0], axis=1).max())
     unit = max(way, least, 1e-12) if share else 1.0
-    own = with_rest(motion_traits(experiment.time, modelled, unit, settled=experiment.poses), least / unit)
+    own = with_constant(motion_traits(experiment.time, modelled, unit, settled=experiment.poses), least / unit)
     variances = dict[str, Array]()
     for name, parts in left.items():
         traits, square = map(np.concatenate, zip(*parts, strict=True))
@@ -275,7 +275,7 @@ def motion_traits(time: Array, rows: Array, unit: float, *, settled: bool = Fals
     return np.stack([np.ones(time.size), np.sum((path - path[0]) ** 2, axis=1), fast**2], axis=1)
 
 
-def with_rest(traits: Array, ratio: float) -> Array:
+def with_constant(traits: Array, ratio: float) -> Array:
     """Return the regressors `traits` (T, 3) with a fourth one: the square of the `ratio` of the smallest peak
     displacement in training to that of the recording. Its coefficient is a variance of one size [m^2] in all
     recordings, such as that of a base beside its true position.

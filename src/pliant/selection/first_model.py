@@ -90,16 +90,17 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
     return fitted(setting, parent.model, parameters, prior_weight=parent.problem.size)
 
 
-def scale_of(fit: FittedModel, stated: Container[str]) -> list[Term]:
-    """Return the term that frees the stiffness, if a fit holds it and it is not `stated`.
+def scale_of(parameters: Sequence[Parameter], stated: Container[str]) -> list[Term]:
+    """Return the term that frees the stiffness, if the parameters of a fit hold it and it is not `stated`.
 
     Beside other terms, recordings may show the scale of stiffness, damping and torque that they did not show to the
     first model.
     """
-    value = fit.values.get("stiffness", 0.0)
-    if "stiffness" in stated or not value or "stiffness" in fit.free:
+    held = [p.value for p in parameters if p.name == "stiffness" and not p.free and p.value]
+    if "stiffness" in stated or not held:
         return []
-    return [Term("stiffness", "a stiffness that is not held", (Parameter("stiffness", value),), {"stiffness": value})]
+    value = held[0]
+    return [Term("stiffness", "free stiffness", (Parameter("stiffness", value),), {"stiffness": value})]
 
 
 class GainPrior(NamedTuple):

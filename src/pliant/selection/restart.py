@@ -1,4 +1,4 @@
-"""Fits of chosen terms that begin anew: what joined after a term may have been meant by it, or the other way round.
+"""Fits of chosen terms that begin anew, after another term that explains the same residual.
 
 Terms join one after another, each from the optimum of its parent. A term may take over the effect of one that is not in
 the model yet, such as creep that of a lag of the valve, and no step of a fit leads back.
@@ -26,7 +26,8 @@ def restarted(search: RunningSearch, term: Term) -> bool:
     if first is None:
         return False
     fit, other = first
-    ends = [(fit, False), *((end, True) for end in from_each_row(search, fit, term, other))]
+    rows = [] if term.group and term.group == other.group else from_each_row(search, fit, term, other)
+    ends = [(fit, False), *((end, True) for end in rows)]
     end, stays = min(ends, key=lambda e: search.scored(e[0]))
     try:
         end = end if search.late else search.converged(end, end.problem.size)
@@ -45,9 +46,9 @@ def rough_parent(search: RunningSearch, term: Term) -> FittedModel | None:
     """Return the rough fit of the best model without a term: from the present values or, where it is better, from those
     of the other parameters in the first model. None if it cannot be simulated.
     """
-    others, first = search.parameters_without(term), search.first.values
-    again = [p if p.name not in first else p.with_(value=first[p.name]) for p in others]
-    start = search.setting.cheapest(search.model(), (others, again), search.best.problem.size)
+    others, first = search.parameters_without(term), {p.name: p.value for p in search.first}
+    from_first = [p if p.name not in first else p.with_(value=first[p.name]) for p in others]
+    start = search.setting.cheapest(search.model(), (others, from_first), search.best.problem.size)
     return next(iter(search.rough_fits(search.model(), [start])), None)
 
 

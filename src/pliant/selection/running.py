@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -69,11 +69,12 @@ class RunningSearch:
     stated: frozenset[str] = frozenset()
     dropped: set[str] = field(default_factory=set)
     restarts: set[frozenset[str]] = field(default_factory=set)
+    first: Sequence[Parameter] = ()  # those of the first model, at its values; default: of `best`
     pace: float = 0.0  # s per evaluation of the last fit
 
     def __post_init__(self) -> None:
         self.allowed = self.deadline - clock.monotonic()
-        self.parts, self.first = parts_of(self.best), self.best
+        self.parts, self.first = parts_of(self.best), tuple(self.first) or tuple(self.best.parameters)
         self.score = self.scored(self.best)
         if not self.steps:
             self.record("", ", ".join(["stiffness, damping and torque", *(t.title for t in self.chosen)]))
@@ -125,8 +126,8 @@ class RunningSearch:
         errors = self.best.percent(self.best.residual), self.best.percent(predicted)
         self.steps.append(SelectionStep(name, title, self.best.free, self.best.cost, *errors))
         if self.file is not None:
-            self.file.save([t.name for t in self.chosen], self.steps, self.best, self.setting.time_step,
-                           clock.monotonic() - self.began)
+            self.file.save([t.name for t in self.chosen], self.steps, self.best, self.first,
+                           self.setting.time_step, clock.monotonic() - self.began)
         left = max(self.deadline - clock.monotonic(), 0.0)
         self.notify(
             f"{title}: error of left-out parts {self.steps[-1].left_out_percent:.3g} % of the peak displacement, "
@@ -156,7 +157,7 @@ class RunningSearch:
         groups = {t.group for t in chosen if t.group}
         parameters, free = {p.name for p in parent.parameters} - {"stiffness"}, set(parent.free)
         return [
-            t for t in (*self.terms, *scale_of(parent, self.stated))
+            t for t in (*self.terms, *scale_of(parent.parameters, self.stated))
             if t.name not in names | self.dropped and t.group not in groups and (not t.needs or t.needs in names)
             and set(t.replaces) <= free and not any(p.name in parameters for p in t.adds if p.free)
         ]  # fmt: skip
@@ -214,11 +215,14 @@ class RunningSearch:
 
     def needed(self, term: Term) -> bool:
         """Return whether another of the chosen terms has no meaning without this one."""
-        return any(t.needs in (term.name, *term.includes) for t in self.chosen if t.needs)
+        names = {p.name for p in term.adds}
+        return any(t.needs in (term.name, *term.includes) for t in self.chosen if t.needs) or any(
+            names & set(t.replaces) for t in self.chosen)
 
     def parameters_without(self, term: Term) -> list[Parameter]:
         """Return the parameters of the best model without a term, with those of the first model that it replaces."""
         gone = {p.name for p in term.adds}
         others = [p for p in self.best.parameters if p.name not in gone]
         names = (gone | set(term.replaces)) - {p.name for p in others}
-        return [*others, *(p for p in self.first.parameters if p.name in names)]
+        freed = {p.name for t in self.chosen if t is not term for p in t.adds if p.free}
+        return [*others, *(replace(p, free=p.free or p.name in freed) for p in self.first if p.name in names)]

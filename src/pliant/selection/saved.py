@@ -39,6 +39,7 @@ class SearchState:
     terms: tuple[str, ...]
     steps: tuple[SelectionStep, ...]
     parameters: tuple[Parameter, ...]
+    first: tuple[Parameter, ...]
     prior_weight: float
     time_step: float
     seconds: float
@@ -59,13 +60,15 @@ class SearchFile:
     key: str
 
     def save(
-        self, terms: Sequence[str], steps: Sequence[SelectionStep], best: FittedModel, time_step: float, seconds: float,
+        self, terms: Sequence[str], steps: Sequence[SelectionStep], best: FittedModel, first: Sequence[Parameter],
+        time_step: float, seconds: float,
     ) -> None:
         """Replace the file. A disk that takes no file costs the way back, not the search."""
         content = {
             "key": self.key, "terms": list(terms), "steps": [s.to_dict() for s in steps],
             "parameters": [without_infinities(asdict(p)) for p in best.parameters],
-            "prior_weight": best.problem.size, "time_step": time_step, "seconds": seconds,
+            "first": [without_infinities(asdict(p)) for p in first], "prior_weight": best.problem.size,
+            "time_step": time_step, "seconds": seconds,
         }
         try:
             write_text(self.path, json.dumps(content, allow_nan=False) + "\n")
@@ -81,9 +84,10 @@ class SearchFile:
             if content["key"] != self.key:
                 return None
             parameters = tuple(Parameter(**p) for p in content["parameters"])
+            first = tuple(Parameter(**p) for p in content["first"])
             numbers = (float(content[n]) for n in ("prior_weight", "time_step", "seconds"))
             return SearchState(tuple(map(str, content["terms"])),
-                               tuple(SelectionStep.from_dict(s) for s in content["steps"]), parameters, *numbers)
+                               tuple(SelectionStep.from_dict(s) for s in content["steps"]), parameters, first, *numbers)
         except (PliantError, KeyError, TypeError, ValueError, AttributeError):  # not a file of this version
             return None
 

@@ -163,13 +163,15 @@ class Search(RunningSearch):
             reason=f"left-out parts are predicted {'better' if helps else 'no better'} (error {by})")
 
     def restart_terms(self) -> bool:
-        """Begin terms with a grid anew, after terms for which they stand. Return whether a model became better."""
+        """Fit terms with a grid anew, after other terms that explain the same residual. Return whether a model became
+        better.
+        """
         names = frozenset(t.name for t in self.chosen)
         if self.white or names in self.restarts:
             return False
         self.restarts.add(names)
-        terms = [t for t in self.chosen if len(t.grid) > 1 and not self.needed(t)]
-        better = [restarted(self, t) for t in terms if self.has_time_for(4 + len(t.grid))]
+        terms = [t for t in self.chosen if len(t.grid) > 1]
+        better = [restarted(self, t) for t in terms if not self.needed(t) and self.has_time_for(4 + len(t.grid))]
         return any(better)
 
     def drop_terms(self) -> bool:

@@ -13,7 +13,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit import check_choices
 from pliant.model import Model
 from pliant.options import with_defaults
-from pliant.selection.first_model import Entry, determined
+from pliant.selection.first_model import Entry, determined, scale_of
 from pliant.selection.fitted import FitSetting, fitted
 from pliant.selection.result import ModelSelection
 from pliant.selection.running import Notify
@@ -52,9 +52,13 @@ def select_model(
     The search begins with stiffness, damping and a torque proportional to each input. In each step, a screen predicts
     from one Jacobian what every further term would lower the cost by; the three best are fitted roughly from the
     parent's optimum. The term that predicts parts of the recordings best from the other parts (see
-    `pliant.selection.criterion`) joins the model if its converged fit lowers their sum of squares by 3 %. At the end,
+    `pliant.selection.criterion`) joins the model if its converged fit, from each row of its grid, lowers their sum of
+    squares by 3 %. When none does, a term is fitted anew after another one that explains the same residual. At the end,
     terms without which the prediction is as good, and terms that the recordings do not determine (standard error above
     half the value), are dropped again. An undetermined time or angle of a term that is needed is held at its value.
+
+    A stiffness that the recordings do not show to the first model is held, and is free again, under the name
+    "stiffness", as soon as this counts as a term that joins: whatever `terms` lists, unless `common` states it.
 
     Parameters
     ----------
@@ -104,7 +108,7 @@ def select_model(
                       stated=names).run()
     stated = how["time_step"] is not None
     setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"], stated_step=stated)
-    chosen = [t for name in state.terms for t in terms if t.name == name]
+    chosen = [t for name in state.terms for t in (*terms, *scale_of(state.first, names)) if t.name == name]
     longer = model
     for term in chosen:
         longer = term.model(longer)
@@ -112,7 +116,8 @@ def select_model(
     notify(f"goes on from a run that was stopped: {', '.join(t.title for t in chosen) or 'no term'} so far")
     start = model.with_(stations=best.model.stations)
     return Search(setting, start, best, terms, began - state.seconds, deadline, notify, file, chosen,
-                  list(state.steps), stated=names).run()
+                  list(state.steps), stated=names, first=state.first,
+                  dropped={s.name[1:] for s in state.steps if s.name.startswith("-")}).run()
 
 
 def check_options(how: SearchOptions) -> None:

@@ -56,7 +56,8 @@ class Term(NamedTuple):
     Attributes
     ----------
     name, title : str
-        The name is one of `TERMS`, for a term of one chamber with the chamber's name and a dot before it.
+        The name is one of `TERMS`, for a term of one chamber with the chamber's name and a dot before it. "stiffness"
+        frees a stiffness which the first model holds.
     adds : tuple of Parameter
         The parameters of the term. Their values are the start of a fit.
     null : mapping
