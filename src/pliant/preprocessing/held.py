@@ -93,7 +93,7 @@ def missed(position: NDArray, flat: NDArray) -> NDArray:
     of all stations for one or two frames. `flat` (T, S, D) are the D numbers of each of S stations in each frame.
 
     A station moves in one direction before and after the repeats, by more than three times its resolution and its
-    noise. A log that repeats more than a third of its frames, as that of a slower tracker or a long rest, is not marked.
+    noise. A log that repeats more than a third of its frames, as for a slower tracker or a long rest, is not marked.
     """
     late = np.zeros(len(position), dtype=bool)
     again = repeated_frames(flat)
