@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+DEFAULT = "default: %(default)s"
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
 
 
@@ -59,17 +60,35 @@ def put(topic: str, text: str, page: Path = PAGE) -> None:
     page.write_text(whole, encoding="utf-8")
 
 
-def measured(document: str, topics: Mapping[str, Sequence[Case]], **options: Any) -> None:
+def parser_of(document: str | None, **defaults: Any) -> argparse.ArgumentParser:
+    """Return the parser of options from their defaults: a number, a list of numbers, or the type of an option without a
+    default. `document` is the docstring of a script.
+    """
+    parser = argparse.ArgumentParser(description=document, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, default in defaults.items():
+        if isinstance(default, type):
+            parser.add_argument(f"--{name}", type=default)
+        elif isinstance(default, list):
+            parser.add_argument(f"--{name}", type=type(default[0]), nargs="+", default=default, help=DEFAULT)
+        else:
+            parser.add_argument(f"--{name}", type=type(default), default=default, help=DEFAULT)
+    return parser
+
+
+def options(document: str | None, **defaults: Any) -> argparse.Namespace:
+    """Return the options of the command line, of `parser_of`."""
+    return parser_of(document, **defaults).parse_args()
+
+
+def measured(document: str | None, topics: Mapping[str, Sequence[Case]], **options: Any) -> None:
     """Run the topics or cases named on the command line (default all), and show a table for each topic.
 
     The keywords are the options that every measure takes, with their defaults.
     """
-    parser = argparse.ArgumentParser(description=document, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(document, **options)
     known = [*topics, *(case.name for cases in topics.values() for case in cases)]
     parser.add_argument("names", nargs="*", help=f"topics or cases, of: {'; '.join(known)}. Default: all")
     parser.add_argument("--write", action="store_true", help=f"put the tables into docs/{PAGE.name}")
-    for name, default in options.items():
-        parser.add_argument(f"--{name}", type=type(default), default=default, help="default: %(default)s")
     given = vars(parser.parse_args())
     names, write = given.pop("names") or list(topics), given.pop("write")
     if unknown := [name for name in names if name not in known]:

@@ -180,4 +180,4 @@ SOURCES: dict[str, Callable[[int], dict[str, float]]] = {
 }
 if __name__ == "__main__":
     cases = [Case(name, partial(coverage, source)) for name, source in SOURCES.items()]
-    measured(__doc__ or "", {"intervals": cases}, seeds=100)
+    measured(__doc__, {"intervals": cases}, seeds=100)

@@ -235,5 +235,5 @@ if __name__ == "__main__":
 
         jax.config.update("jax_enable_x64", True)
     races = [Case(name, partial(equal_errors, k)) for name, k in (("bending", 2), ("twist", 3)) if there("soromox")]
-    measured(__doc__ or "", {"plane": cases(1), "space": cases(2), "equal errors": races}, bodies=64, steps=100,
+    measured(__doc__, {"plane": cases(1), "space": cases(2), "equal errors": races}, bodies=64, steps=100,
              gradient=1)  # fmt: skip

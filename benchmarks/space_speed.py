@@ -12,8 +12,6 @@ from __future__ import annotations
 
 import argparse
 import ctypes
-import subprocess
-import tempfile
 from collections.abc import Callable
 from functools import cache, partial
 from itertools import product
@@ -25,6 +23,7 @@ import numpy as np
 from harness import table
 from numba import njit
 from scipy.spatial.transform import Rotation
+from speed.kernels import FLAGS, POINTER, shared_library
 from speed.timing import best, machine
 
 from pliant.compiler.choose import twin
@@ -45,7 +44,6 @@ FIRST = (1 / 32, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)  # parts of the first grad
 METHODS = {"midpoint": {}, "midpoint, graded": {"graded": True}, "extrapolated": {"extrapolated": True},
            "extrapolated, graded": {"extrapolated": True, "graded": True}}  # fmt: skip
 CALLS = 20_000
-POINTER = ctypes.POINTER(ctypes.c_double)
 
 
 def body(turns: int, tendons: int = 0) -> Model:
@@ -109,12 +107,8 @@ def step_ns(turns: int, seconds: float, tendons: int = 0) -> float:
 
 def c_step_ns(turns: int, seconds: float) -> float:
     """Return the time of one step of speed/space.c, ns, after a comparison with pliant's step."""
-    with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / "space.so"
-        source = Path(__file__).parent / "speed" / "space.c"
-        flags = ("-O3", "-march=native", "-shared", "-fPIC", f"-DL={LINKS}", f"-DTWIST={turns - 2}")
-        subprocess.run(["cc", *flags, str(source), "-o", str(made), "-lm"], check=True)
-        code = ctypes.CDLL(str(made))
+    source = Path(__file__).parent / "speed" / "space.c"
+    code = shared_library(source, *FLAGS, f"-DL={LINKS}", f"-DTWIST={turns - 2}")
     chain, still = arm(turns), np.zeros(turns * LINKS)
     b, j = chain.body, chain.joints
     parts = (b.length, b.mass, b.centre, b.lateral, b.axial, np.swapaxes(b.rest, 1, 2), b.base.T, b.gx, b.gy, b.gz,

@@ -12,8 +12,8 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from speed.methods import mujoco_methods, pliant_extrapolated, pliant_midpoint, scipy_methods, solved
-from speed.problem import TARGET_MM, Problem
+from speed import methods as ways
+from speed.methods import TARGET_MM
 from speed.race import curve
 from speed.timing import machine
 
@@ -48,22 +48,19 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--seconds", type=float, default=float("inf"))
     limit = asked.parse_args().seconds
-    problem = solved(Problem())
-    methods = [
-        pliant_midpoint(problem), pliant_extrapolated(problem), *scipy_methods(problem), *mujoco_methods(problem),
-    ]
+    problem = ways.solved(ways.Problem())
+    methods = [ways.pliant_midpoint(problem), ways.pliant_extrapolated(problem), *ways.scipy_methods(problem),
+               *ways.mujoco_methods(problem)]  # fmt: skip
     curves = {}
     never = "never within the target" if limit == float("inf") else "not within the target in the time given"
     for method in methods:
-        rows = curve(problem, method, limit)
-        if rows:
+        said = "no setting gives an answer"
+        if rows := curve(problem, method, limit):
             curves[method.name] = rows
             at = [r for r in rows if r["error_mm"] <= TARGET_MM]
             fastest = min(at, key=lambda r: r["ms"]) if at else None
             said = f"{fastest['ms']:.3g} ms at {fastest['error_mm']:.2g} mm" if fastest else never
-            print(f"{method.name:<28} {said}", flush=True)
-        else:
-            print(f"{method.name:<28} no setting gives an answer", flush=True)
+        print(f"{method.name:<28} {said}", flush=True)
     if limit < float("inf"):
         return
     figure = draw(curves, str(machine()["processor"]))

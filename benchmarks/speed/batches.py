@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
@@ -17,14 +15,11 @@ from pliant.parallel import cores
 from pliant.simulation import Pulse, simulate, state
 from pliant.simulation.drive import drive
 from pliant.simulation.initial_value import march
-from speed.floor import floor
-from speed.kernels import TORQUE
-from speed.timing import best
+from speed.kernels import TORQUE, floor
+from speed.timing import best, in_turn, of_processor
 
 SAMPLES = 1024  # as many as a Monte Carlo run takes: the label on the arrays is then a small part
 STEP = 1e-3  # s
-
-
 COPIED = 64 * 2**20  # bytes: more than a cache holds
 
 
@@ -62,7 +57,10 @@ def batches() -> dict[str, Any]:
     work = best(lambda: batch(1), seconds=2.0, clock=process_time) / SAMPLES
     most = max(2, cores())
     counts = sorted({1, 2, most})
-    took = dict(zip(counts, best_in_turn([partial(batch, c) for c in counts]), strict=True))
+    for count in counts:
+        batch(count)
+    runs = in_turn([partial(batch, c) for c in counts], 5, seconds=6.0, clock=perf_counter)
+    took = dict(zip(counts, runs.min(axis=1), strict=True))
     lanes, pair, everything = (took[c] / SAMPLES for c in (1, 2, most))
     made, difference = batch(2), 0.0
     for i in range(0, SAMPLES, 73):
@@ -70,7 +68,7 @@ def batches() -> dict[str, Any]:
             model.with_(**{name: value[i] for name, value in changes.items()}), pressure, times=times, time_step=STEP
         )
         difference = max(difference, float(np.abs(alone["tip_position"] - made["tip_position"][i]).max()))
-    ns, memory, lanes_there = 1e9 * work / plan.h.size, bandwidth(), lanes_of(processor_flags())
+    ns, memory, lanes_there = 1e9 * work / plan.h.size, bandwidth(), lanes_of(set(of_processor("flags").split()))
     under = floor(model, 20_000, STEP, np.full(model.n, TORQUE))
     beside = {"batch_over_c": ns * lanes_there / under["c_step_ns"], "batch_lanes": lanes_there} if under else {}
     written = sum(v.nbytes for v in made.data_vars.values()) / SAMPLES
@@ -82,26 +80,3 @@ def batches() -> dict[str, Any]:
         "batch_ns_per_step_one_core": ns, "batch_difference_mm": 1e3 * difference,
         "batch_times_real_time": float(times[-1]) / everything,
     }
-
-
-def best_in_turn(jobs: Sequence[Callable[[], Any]], seconds: float = 6.0) -> list[float]:
-    """Return the shortest wall time [s] of each job, running them in turn so that disturbances affect all alike."""
-    for job in jobs:
-        job()
-    times: list[list[float]] = [[] for _ in jobs]
-    began = perf_counter()
-    while perf_counter() - began < seconds or len(times[0]) < 5:
-        for job, runs in zip(jobs, times, strict=True):
-            start = perf_counter()
-            job()
-            runs.append(perf_counter() - start)
-    return [min(runs) for runs in times]
-
-
-def processor_flags() -> set[str]:
-    """Return the features of the processor, as Linux names them; empty on other systems."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return set()
-    return set(next((line.partition(":")[2] for line in lines if line.startswith("flags")), "").split())

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from speed.methods import Method, mujoco_methods, pliant_midpoint, scipy_methods, solved
-from speed.problem import TARGET_MM, Problem
+from speed.methods import TARGET_MM, Method, Problem, mujoco_methods, pliant_midpoint, scipy_methods, solved
 from speed.timing import best
 
 USELESS_MM = 20.0  # beyond, a setting is no answer

@@ -19,10 +19,10 @@ from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 
 run = loaded("run")
-batches, floors, measure, methods, problems, race, realtime = (
-    sys.modules[f"speed.{name}"] for name in ("batches", "floor", "measure", "methods", "problem", "race", "realtime")
+batches, floors, methods, race, realtime = (
+    sys.modules[f"speed.{name}"] for name in ("batches", "kernels", "methods", "race", "realtime")
 )
-MEANING, TARGET_MM, Problem = measure.MEANING, problems.TARGET_MM, problems.Problem
+MEANING, TARGET_MM, Problem = run.MEANING, methods.TARGET_MM, methods.Problem
 Method, pliant_extrapolated, pliant_midpoint, scipy_methods = (
     methods.Method, methods.pliant_extrapolated, methods.pliant_midpoint, methods.scipy_methods
 )
@@ -99,11 +99,11 @@ def test_real_time_keeps_count_and_leaves_the_collector_on():
 
 @pytest.mark.slow
 def test_kernels_and_the_file(tmp_path):
-    found = measure.measure({"kernels": measure.PARTS["kernels"]})
+    found = run.measure({"kernels": run.JOBS["kernels"]})
     assert {"step_ns", "rhs_ns", "rhs_jacobian_ns", "machine", "pliant"} <= set(found)
-    path = measure.write(found, tmp_path / "results" / "bench.json")
+    path = run.write(found, tmp_path / "results" / "bench.json")
     assert json.loads(path.read_text(encoding="utf-8"))["step_ns"] == found["step_ns"]
-    assert any(line.startswith("  step_ns") for line in measure.lines(found))
+    assert any(line.startswith("  step_ns") for line in run.lines(found))
     assert {k for k in found if k not in ("machine", "pliant")} <= set(MEANING)
 
 
