@@ -75,8 +75,8 @@ def parser_of(document: str | None, **defaults: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def options(document: str | None, **defaults: Any) -> argparse.Namespace:
-    """Return the options of the command line, of `parser_of`."""
+def command_line(document: str | None, **defaults: Any) -> argparse.Namespace:
+    """Return the options on the command line; see `parser_of`."""
     return parser_of(document, **defaults).parse_args()
 
 

@@ -20,6 +20,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from harness import parser_of
 from space_batch import arm as in_space
 
 import pliant
@@ -95,9 +96,6 @@ def main(given: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--bodies", type=int, nargs="+", default=[1000, 10_000])
-    parser.add_argument("--steps", type=int, default=100)
+    parser = parser_of(__doc__, bodies=[1000, 10_000], steps=100, bandwidth=0.0)
     parser.add_argument("--float", type=int, nargs="+", choices=(32, 64), default=[32, 64])
-    parser.add_argument("--bandwidth", type=float, default=0.0)
     main(parser.parse_args())

@@ -10,7 +10,6 @@ step without tendons. The shortest processor time of many runs counts; `--second
 
 from __future__ import annotations
 
-import argparse
 import ctypes
 from collections.abc import Callable
 from functools import cache, partial
@@ -20,7 +19,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from harness import table
+from harness import command_line, table
 from numba import njit
 from scipy.spatial.transform import Rotation
 from speed.kernels import FLAGS, POINTER, shared_library
@@ -247,9 +246,7 @@ def race(seconds: float) -> dict[str, dict[str, Any]]:
 
 def main() -> None:
     """Print the results."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    asked.add_argument("--seconds", type=float, default=2.0)
-    seconds = asked.parse_args().seconds
+    seconds = command_line(__doc__, seconds=2.0).seconds
     print(machine())
     for name, turns in (("swing, 10 coordinates", 2), ("swing and twist, 15", 3)):
         ours, floor, tense = step_ns(turns, seconds), c_step_ns(turns, seconds), step_ns(turns, seconds, TENDONS)

@@ -5,13 +5,13 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from harness import command_line
 from speed import methods as ways
 from speed.methods import TARGET_MM
 from speed.race import curve
@@ -45,9 +45,7 @@ def draw(curves: dict[str, list[dict[str, float]]], processor: str):
 
 def main() -> None:
     """Race the methods, draw the figure and write it."""
-    asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("--seconds", type=float, default=float("inf"))
-    limit = asked.parse_args().seconds
+    limit = command_line(__doc__, seconds=float("inf")).seconds
     problem = ways.solved(ways.Problem())
     methods = [ways.pliant_midpoint(problem), ways.pliant_extrapolated(problem), *ways.scipy_methods(problem),
                *ways.mujoco_methods(problem)]  # fmt: skip
