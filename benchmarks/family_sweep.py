@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from harness import command_line, table
+from harness import parser_of, table
 
 from pliant.errors import PliantError
 from pliant.failures import Failures
@@ -181,7 +181,7 @@ def figure(rows: list[Row], path: Path) -> None:
 
 def main() -> None:
     """Compute missing seeds, then print the table, and draw the figure."""
-    given = command_line(__doc__, seeds=40, first=0, figure=Path)
+    given = parser_of(__doc__, seeds=40, first=0, figure=Path).parse_args()
     kept: dict[str, Row] = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
     names = [str(seed) for seed in range(given.first, given.first + given.seeds)]
     for name in names:

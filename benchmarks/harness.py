@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-DEFAULT = "default: %(default)s"
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
 
 
@@ -25,6 +24,12 @@ class Case:
     name: str
     measure: Callable[..., Mapping[str, Any]]
     goals: Mapping[str, tuple[float, bool]] = field(default_factory=dict)
+
+
+def in_standard_errors(result: Any, truth: Mapping[str, float]) -> dict[str, float]:
+    """Return the error of every parameter of a fit whose standard error is stated, in standard errors."""
+    return {p.name: (p.value - truth[p.name]) / p.std for p in result.parameters
+            if p.name in truth and p.value is not None and p.std}  # fmt: skip
 
 
 def as_text(value: Any) -> str:
@@ -61,23 +66,12 @@ def put(topic: str, text: str, page: Path = PAGE) -> None:
 
 
 def parser_of(document: str | None, **defaults: Any) -> argparse.ArgumentParser:
-    """Return the parser of options from their defaults: a number, a list of numbers, or the type of an option without a
-    default. `document` is the docstring of a script.
-    """
+    """Return the parser of a script from docstring and the defaults of its options, or the types of those without."""
     parser = argparse.ArgumentParser(description=document, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, default in defaults.items():
-        if isinstance(default, type):
-            parser.add_argument(f"--{name}", type=default)
-        elif isinstance(default, list):
-            parser.add_argument(f"--{name}", type=type(default[0]), nargs="+", default=default, help=DEFAULT)
-        else:
-            parser.add_argument(f"--{name}", type=type(default), default=default, help=DEFAULT)
+        kind, value = (default, None) if isinstance(default, type) else (type(default), default)
+        parser.add_argument(f"--{name}", type=kind, default=value, help="default: %(default)s")
     return parser
-
-
-def command_line(document: str | None, **defaults: Any) -> argparse.Namespace:
-    """Return the options on the command line; see `parser_of`."""
-    return parser_of(document, **defaults).parse_args()
 
 
 def measured(document: str | None, topics: Mapping[str, Sequence[Case]], **options: Any) -> None:

@@ -17,8 +17,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from speed import batches, race, realtime
-from speed.kernels import kernels
+from speed import kernels, race, realtime
 from speed.timing import machine
 
 from pliant.files import write_text
@@ -105,23 +104,19 @@ def fresh(command: list[str], cache: str | None = None) -> float:
 
 Part = Callable[[], dict[str, Any]]
 JOBS: dict[str, Part] = {
-    "kernels": kernels, "startup": startup, "experiment": race.experiment, "batch": batches.batches,
+    "kernels": kernels.kernels, "startup": startup, "experiment": race.experiment, "batch": kernels.batches,
     "realtime": lambda: realtime.realtime(REAL_TIME_S),
 }
-NAMES = tuple(JOBS)
 
 
-def measure(parts: Mapping[str, Part], message: Callable[[str], None] = lambda _line: None) -> dict[str, Any]:
-    """Run the parts of the benchmark one after the other and return all their numbers in one dict.
-
-    `message` is called with the results of each part as text. The facts of the machine are under ``machine``.
-    """
+def measure(parts: Mapping[str, Part]) -> dict[str, Any]:
+    """Run parts in turn, print the results of each, and return all numbers; `machine` has facts of the machine."""
     results: dict[str, Any] = {"pliant": __version__, "machine": machine()}
     for name, job in parts.items():
         start = perf_counter()
         numbers = job()
         results |= numbers
-        message("\n".join([f"{name} ({perf_counter() - start:.1f} s)", *lines(numbers)]))
+        print("\n".join([f"{name} ({perf_counter() - start:.1f} s)", *lines(numbers)]), flush=True)
     return results
 
 
@@ -146,7 +141,7 @@ def write(results: Mapping[str, Any], path: str | Path) -> Path:
 
 def parts(names: list[str]) -> None:
     """Measure, print, judge and write."""
-    found = measure({n: JOBS[n] for n in names}, message=lambda text: print(text, flush=True))
+    found = measure({n: JOBS[n] for n in names})
     if "realtime_missed" in found:
         found["realtime_missed_more"] = found["realtime_missed"] - found["realtime_missed_by_an_empty_loop"]
     print("targets")
@@ -176,15 +171,15 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, before NumPy loads
     began = perf_counter()
     parser = argparse.ArgumentParser(description=__doc__)
-    known = ", ".join(dict.fromkeys([*NAMES, *SCRIPTS]))
+    known = ", ".join([*JOBS, *SCRIPTS])
     parser.add_argument("names", nargs="*", help=f"of {known}; default: all")
     asked = parser.parse_args().names
-    if unknown := [n for n in asked if n not in NAMES and n not in SCRIPTS]:
+    if unknown := [n for n in asked if n not in JOBS and n not in SCRIPTS]:
         parser.error(f"there is no part {unknown[0]!r}: use some of {known}")
-    if named := [n for n in NAMES if n in asked or not asked]:
+    if named := [n for n in JOBS if n in asked or not asked]:
         parts(named)
     for name in SCRIPTS:
-        if not asked or (name in asked and name not in NAMES):
+        if not asked or name in asked:
             script(name)
     print(f"\nall in {perf_counter() - began:.0f} s")
 

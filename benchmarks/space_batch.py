@@ -17,7 +17,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from harness import command_line
+from harness import parser_of
 from speed.timing import in_turn, machine
 
 import pliant.batch.batch as batches
@@ -102,4 +102,4 @@ def main(samples: int, runs: int) -> None:
 
 
 if __name__ == "__main__":
-    main(**vars(command_line(__doc__, samples=200, runs=3)))
+    main(**vars(parser_of(__doc__, samples=200, runs=3).parse_args()))

@@ -73,8 +73,7 @@ def causal_polynomial(angle: Array, window: int, order: int) -> Array:
 
 
 def constant_acceleration(angle: Array, jerk: float) -> Array:
-    """Return rates of a Kalman filter of angle, rate and acceleration; `jerk` is its density over the angles' variance.
-    """
+    """Return rates of a Kalman filter of angle, rate and acceleration; `jerk`: density over the angles' variance."""
     h = 1.0 / RATE
     F = np.array([[1.0, h, 0.5 * h * h], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
     Q = jerk * np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h * h / 2], [h**3 / 6, h * h / 2, h]])

@@ -15,14 +15,15 @@ predicted; `CASES` has those of training.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from harness import parser_of
 
 from pliant.errors import PliantError
-from pliant.identification import Experiment, FitResult, Parameter, fit, predict_held_out
+from pliant.identification import Experiment, Parameter, fit, predict_held_out
 from pliant.identification.prediction_bands import TrainingResiduals, prediction_band
 from pliant.model import Chamber, Model, Station, chain_model
 from pliant.selection.criterion import DETERMINED
@@ -163,22 +164,13 @@ def recorded(
     return rod, experiments
 
 
-def fitted(seed: int, kind: str) -> tuple[dict[str, float], FitResult]:
-    """Return the true parameters and the fit of a seed."""
+def errors_of(seed: int, kind: str) -> dict[str, Any]:
+    """Return the errors of the parameters of one seed in standard errors and relative to the truth, and the standard
+    errors relative to the values (P,).
+    """
     rod, train = recorded(seed, commands(seed, kind, len(drawn(seed)[0].chambers)), DURATION[kind])
     true = {n: v for n, v in truth(rod).items() if n != "torque_2" or kind == "three"}  # one level, no curvature
-    return true, fit(train, chain(rod), [Parameter(n) for n in true], starts=1)
-
-
-def errors_of(seed: int, kind: str) -> dict[str, Any] | None:
-    """Return the errors of the parameters of one seed in standard errors and relative to the truth, and the standard
-    errors relative to the values (P,); None if the fit is refused.
-    """
-    try:
-        true, result = fitted(seed, kind)
-    except PliantError as error:
-        print(f"seed {seed}: {error}")
-        return None
+    result = fit(train, chain(rod), [Parameter(n) for n in true], starts=1)
     assert result.covariance is not None
     scatter = dict(zip(result.covariance.names, result.covariance.std, strict=True))
     free = [p for p in result.parameters if p.free]
@@ -190,15 +182,16 @@ def errors_of(seed: int, kind: str) -> dict[str, Any] | None:
             "relative": off / np.where(truths, truths, np.nan)}  # fmt: skip
 
 
-def summary(bodies: list[dict[str, Any] | None]) -> str:
-    """Return the fraction of determined parameters whose truth lies within two standard errors, and their errors."""
-    kept = [body for body in bodies if body is not None]
+def summary(kept: list[dict[str, Any]], bodies: int) -> str:
+    """Return the fraction of determined parameters whose truth lies within two standard errors, and their errors, of
+    those of `bodies` that were not refused.
+    """
     off, size, relative, scattered = (np.concatenate([body[name] for body in kept])
                                       for name in ("off", "size", "relative", "scattered"))  # fmt: skip
     determined = np.isfinite(off) & (size <= DETERMINED)
     z, relative = np.abs(off[determined]), relative[determined]
     within, scattered = np.mean(z <= 2.0), np.mean(np.abs(scattered[determined]) <= 2.0)
-    return (f"{len(bodies)} bodies, {len(bodies) - len(kept)} refused; {z.size} of {np.isfinite(off).sum()} "
+    return (f"{bodies} bodies, {bodies - len(kept)} refused; {z.size} of {np.isfinite(off).sum()} "
             f"parameters determined; truth within 2 standard errors of {100 * within:.0f} % of these "
             f"({100 * scattered:.0f} % without errors of the model's form); distance median {np.median(z):.2g}, nine "
             f"in ten below {np.quantile(z, 0.9):.2g}, worst {z.max():.3g} standard errors; median error "
@@ -224,11 +217,11 @@ def coverage(seed: int, case: Case) -> list[float]:
     return parts
 
 
-def computed(seeds: Sequence[int], case: Case) -> Iterator[list[float]]:
-    """Yield the coverage of each body whose fit is not refused."""
+def computed(seeds: Sequence[int], of_seed: Callable[[int], Any]) -> Iterator[Any]:
+    """Yield what a function computes for each seed whose fit is not refused."""
     for seed in seeds:
         try:
-            yield coverage(seed, case)
+            yield of_seed(seed)
         except PliantError as error:
             print(f"seed {seed}: {error}")
 
@@ -238,7 +231,8 @@ def bands(first: int, bodies: int, names: Sequence[str]) -> None:
     for name in names:
         even = first + first % 2  # seeds of bodies with one chamber
         odd = name != "one chamber"
-        every = np.array(list(computed(range(even + odd, even + 2 * bodies, 2), CASES[name])))
+        seeds = range(even + odd, even + 2 * bodies, 2)
+        every = np.array([*computed(seeds, partial(coverage, case=CASES[name]))])
         for row, parts in zip(CASES[name].held_out, every.T, strict=True):
             print(f"{name:<20} {row}: {len(parts)} bodies, median {np.median(parts):.0f} %, 92 % and more in "
                   f"{100 * np.mean(parts >= 92):.0f} %, 85 % and more in {100 * np.mean(parts >= 85):.0f} %, least "
@@ -255,7 +249,8 @@ def main() -> None:
     if args.what == "bands":
         bands(args.first, args.seeds, args.case or list(CASES))
     else:
-        print(summary([errors_of(args.first + k, args.kind) for k in range(args.seeds)]))
+        seeds = range(args.first, args.first + args.seeds)
+        print(summary([*computed(seeds, partial(errors_of, kind=args.kind))], args.seeds))
 
 
 if __name__ == "__main__":

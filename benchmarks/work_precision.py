@@ -11,10 +11,9 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from harness import command_line
-from speed import methods as ways
-from speed.methods import TARGET_MM
-from speed.race import curve
+from harness import parser_of
+from speed import race
+from speed.race import TARGET_MM
 from speed.timing import machine
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -45,15 +44,15 @@ def draw(curves: dict[str, list[dict[str, float]]], processor: str):
 
 def main() -> None:
     """Race the methods, draw the figure and write it."""
-    limit = command_line(__doc__, seconds=float("inf")).seconds
-    problem = ways.solved(ways.Problem())
-    methods = [ways.pliant_midpoint(problem), ways.pliant_extrapolated(problem), *ways.scipy_methods(problem),
-               *ways.mujoco_methods(problem)]  # fmt: skip
+    limit = parser_of(__doc__, seconds=float("inf")).parse_args().seconds
+    problem = race.solved(race.Problem())
+    methods = [race.pliant_midpoint(problem), race.pliant_extrapolated(problem), *race.scipy_methods(problem),
+               *race.mujoco_methods(problem)]  # fmt: skip
     curves = {}
     never = "never within the target" if limit == float("inf") else "not within the target in the time given"
     for method in methods:
         said = "no setting gives an answer"
-        if rows := curve(problem, method, limit):
+        if rows := race.curve(problem, method, limit):
             curves[method.name] = rows
             at = [r for r in rows if r["error_mm"] <= TARGET_MM]
             fastest = min(at, key=lambda r: r["ms"]) if at else None
