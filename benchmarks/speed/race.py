@@ -122,7 +122,7 @@ class RightHandSide:
 
     def rate(self, _t: float, y: Array) -> Array:
         """dy/dt (2n,)."""
-        n = self.n
+        n, y = self.n, np.ascontiguousarray(y)  # Radau passes strided rows
         out = np.empty(2 * n)
         out[:n] = y[n:]
         self.accelerate(y[:n], y[n:], self.torque, *self.parts, out[n:])
@@ -130,7 +130,7 @@ class RightHandSide:
 
     def jacobian(self, _t: float, y: Array) -> Array:
         """d(dy/dt)/dy (2n, 2n)."""
-        n = self.n
+        n, y = self.n, np.ascontiguousarray(y)
         self.differentiate(y[:n], y[n:], self.torque, *self.parts, self.slopes)
         self.J[n:, :n] = self.slopes.a_phi.T
         self.J[n:, n:] = self.slopes.a_w.T
