@@ -327,4 +327,4 @@ if __name__ == "__main__":
         "obstacles": [Case(name, partial(obstacle, kind)) for name, kind in OBSTACLES.items()],
         "contact in space": [Case(f"{1e3 * f:.0f} mN in space", partial(push, f)) for f in PUSHES],
     }  # fmt: skip
-    measured(__doc__ or "", topics, seeds=20, minutes=60)
+    measured(__doc__, topics, seeds=20, minutes=60)

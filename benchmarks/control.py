@@ -10,14 +10,14 @@ Settling: the true tip stays within 2 % of a step of 25 mm. Error: mean of the l
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 from harness import Case, measured
+from speed.timing import in_turn
 
 from pliant.control import Limits, SupplyValve, Task, Tuning, prepare_control
 from pliant.control.rehearsal import command_activity, settling_time
@@ -127,16 +127,10 @@ def frame_time(estimator: str) -> dict[str, Any]:
         seen.push_frame(now[0], *run.ready.link_angles.frame(points))
         control.step(now[0], seen.state(now[0]), 6e4)
 
-    def median(job: Callable[[], Any]) -> float:
-        spent = []
-        for _ in range(3000):
-            began = time.perf_counter_ns()
-            job()
-            spent.append(time.perf_counter_ns() - began)
-        return 1e-3 * float(np.median(spent))
-
-    whole, known = median(frame), seen.state(now[0])
-    return {"a frame (µs)": whole, "LQR alone (µs)": median(lambda: control.step(now[0], known, 6e4))}
+    whole = np.median(in_turn([frame], 3000, clock=perf_counter))
+    known = seen.state(now[0])
+    alone = np.median(in_turn([lambda: control.step(now[0], known, 6e4)], 3000, clock=perf_counter))
+    return {"a frame (µs)": 1e6 * float(whole), "LQR alone (µs)": 1e6 * float(alone)}
 
 
 def figure(path: Path) -> None:
@@ -167,7 +161,7 @@ if __name__ == "__main__":
         k = sys.argv.index("--figure")
         figure(Path(sys.argv.pop(k + 1)))
         del sys.argv[k]
-    measured(__doc__ or "", {
+    measured(__doc__, {
         "controllers": [Case(kind, partial(controller, kind)) for kind in KINDS],
         "estimators": [Case(name, partial(estimator_row, name)) for name in ("observer", "filter")],
         "times": [Case(f"frame, {name}", partial(frame_time, name)) for name in ("observer", "filter")],

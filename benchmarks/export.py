@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 from harness import Case, measured
-from speed.floor import floor
+from speed.kernels import floor, shared_library
 from speed.timing import best
 
 from pliant.actuators import chen2018
@@ -71,9 +71,7 @@ def c99(name: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / "arm.c"
         path.write_text(source(model, path.parent, "double") + MARCH, encoding="utf-8")
-        flags = ["-std=c99", "-O2", "-fPIC", "-shared", str(path), "-o", str(path.with_suffix(".so")), "-lm"]
-        subprocess.run(["cc", *flags], check=True)
-        library = ctypes.CDLL(str(path.with_suffix(".so")))
+        library = shared_library(path, "-std=c99", "-O2")
     s, p = (ctypes.c_double * 65536)(), (ctypes.c_double * 65536)()
     library.arm_defaults(p)
     library.arm_init(s)
@@ -231,7 +229,7 @@ def environments(size: int, **options: Any) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    measured(__doc__ or "", {
+    measured(__doc__, {
         "c99": [*(Case(name, partial(c99, name)) for name in ("paper", "softening", "memory")), Case("flash", flash)],
         "environments": [
             Case("pliant, batch of 1024", partial(environments, 1024)),

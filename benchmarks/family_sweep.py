@@ -11,7 +11,6 @@ results/family_sweep.json.
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
 from dataclasses import replace
@@ -20,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from harness import table
+from harness import parser_of, table
 
 from pliant.errors import PliantError
 from pliant.failures import Failures
@@ -182,11 +181,7 @@ def figure(rows: list[Row], path: Path) -> None:
 
 def main() -> None:
     """Compute missing seeds, then print the table, and draw the figure."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=40)
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--figure", type=Path, help="path without ending")
-    given = parser.parse_args()
+    given = parser_of(__doc__, seeds=40, first=0, figure=Path).parse_args()
     kept: dict[str, Row] = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
     names = [str(seed) for seed in range(given.first, given.first + given.seeds)]
     for name in names:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from harness import Case, measured
 from scipy.optimize import least_squares
+from speed.timing import in_turn
 
 from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Model, Valve, chain_model
@@ -123,16 +124,11 @@ def with_mujoco() -> tuple[float, float]:
 def race(job: Callable[[], tuple[float, float]], repeats: int) -> dict[str, Any]:
     """Return the best wall time of a few warm runs, and the errors of K and D."""
     try:
-        job()
+        stiffness, damping = job()
     except (ImportError, AttributeError) as error:
         return {"time (s)": f"not run: {error}"}
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        stiffness, damping = job()
-        times.append(time.perf_counter() - began)
     errors = {"error of K (%)": 100 * (stiffness / K - 1), "error of D (%)": 100 * (damping / D - 1)}
-    return {"time (s)": min(times), **errors}
+    return {"time (s)": float(in_turn([job], repeats, clock=time.perf_counter).min()), **errors}
 
 
 def large(free: list[str], starts: int) -> dict[str, Any]:
@@ -152,7 +148,7 @@ def large(free: list[str], starts: int) -> dict[str, Any]:
 
 if __name__ == "__main__":
     goal = {"time (s)": (0.1, True)}
-    measured(__doc__ or "", {
+    measured(__doc__, {
         "fit": [Case("pliant", partial(race, with_pliant, 5), goal),
                 Case("mujoco.sysid", partial(race, with_mujoco, 1)),
                 Case("SciPy around LSODA", partial(race, with_scipy, 1))],

@@ -26,6 +26,12 @@ class Case:
     goals: Mapping[str, tuple[float, bool]] = field(default_factory=dict)
 
 
+def in_standard_errors(result: Any, truth: Mapping[str, float]) -> dict[str, float]:
+    """Return the error of every parameter of a fit whose standard error is stated, in standard errors."""
+    return {p.name: (p.value - truth[p.name]) / p.std for p in result.parameters
+            if p.name in truth and p.value is not None and p.std}  # fmt: skip
+
+
 def as_text(value: Any) -> str:
     """Return a cell: numbers with three digits, pairs with a slash, nothing for None."""
     if isinstance(value, tuple | list):
@@ -59,17 +65,24 @@ def put(topic: str, text: str, page: Path = PAGE) -> None:
     page.write_text(whole, encoding="utf-8")
 
 
-def measured(document: str, topics: Mapping[str, Sequence[Case]], **options: Any) -> None:
+def parser_of(document: str | None, **defaults: Any) -> argparse.ArgumentParser:
+    """Return the parser of a script from docstring and the defaults of its options, or the types of those without."""
+    parser = argparse.ArgumentParser(description=document, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, default in defaults.items():
+        kind, value = (default, None) if isinstance(default, type) else (type(default), default)
+        parser.add_argument(f"--{name}", type=kind, default=value, help="default: %(default)s")
+    return parser
+
+
+def measured(document: str | None, topics: Mapping[str, Sequence[Case]], **options: Any) -> None:
     """Run the topics or cases named on the command line (default all), and show a table for each topic.
 
     The keywords are the options that every measure takes, with their defaults.
     """
-    parser = argparse.ArgumentParser(description=document, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(document, **options)
     known = [*topics, *(case.name for cases in topics.values() for case in cases)]
     parser.add_argument("names", nargs="*", help=f"topics or cases, of: {'; '.join(known)}. Default: all")
     parser.add_argument("--write", action="store_true", help=f"put the tables into docs/{PAGE.name}")
-    for name, default in options.items():
-        parser.add_argument(f"--{name}", type=type(default), default=default, help="default: %(default)s")
     given = vars(parser.parse_args())
     names, write = given.pop("names") or list(topics), given.pop("write")
     if unknown := [name for name in names if name not in known]:

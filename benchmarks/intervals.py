@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from harness import Case, measured
+from harness import Case, in_standard_errors, measured
 
 from pliant.errors import PliantError
 from pliant.identification import Experiment, FitResult, Parameter, fit
@@ -76,9 +76,7 @@ def errors(body: str, kept: float, seed: int) -> dict[str, float]:
     rng = np.random.default_rng([seed, 2])
     truth = {name: value * rng.uniform(0.75, 1.25) for name, value in MIDDLE.items()}
     seen = records(apply(chain(body), truth), kept, rng)
-    found = fit(seen, chain(body), list(MIDDLE), time_step=STEP, starts=1)
-    std = {p.name: p.std for p in found.parameters}
-    return {name: (found.values[name] - truth[name]) / std[name] for name in MIDDLE}
+    return in_standard_errors(fit(seen, chain(body), list(MIDDLE), time_step=STEP, starts=1), truth)
 
 
 Ranges = dict[str, tuple[float, float]]
@@ -149,8 +147,7 @@ def law_errors(law: Law, seed: int) -> dict[str, float]:
     except PliantError as error:
         print(f"  seed {seed}: {error}", flush=True)
         return {}
-    return {p.name: (p.value - truth[p.name]) / p.std for p in result.parameters
-            if p.name in truth and p.value is not None and p.std}  # fmt: skip
+    return in_standard_errors(result, truth)
 
 
 def in_space(seed: int, **how: bool) -> dict[str, float]:
@@ -180,4 +177,4 @@ SOURCES: dict[str, Callable[[int], dict[str, float]]] = {
 }
 if __name__ == "__main__":
     cases = [Case(name, partial(coverage, source)) for name, source in SOURCES.items()]
-    measured(__doc__ or "", {"intervals": cases}, seeds=100)
+    measured(__doc__, {"intervals": cases}, seeds=100)

@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 import mujoco
 import numpy as np
+from harness import in_standard_errors
 
 from pliant.identification import Experiment, Parameter, fit
 from pliant.model import Chamber, Model, Space, Station, chain_model
@@ -64,8 +65,7 @@ def drawn(rng: np.random.Generator, *, twist: bool = False) -> dict[str, float]:
 
 
 def arm() -> mujoco.MjModel:
-    """Return the arm as MuJoCo XML, hanging from the origin along +z; `moved` adds the torques of the joints' springs.
-    """
+    """Return the arm in MuJoCo, hanging from the origin along +z; `moved` adds the torques of the joints' springs."""
     density = MASS / LENGTH
     text = end = ""
     for length, before in zip(PARTS[1:], PARTS[:-1], strict=True):
@@ -183,5 +183,4 @@ def errors(seed: int, *, twist: bool = False, stated: bool = True) -> dict[str, 
     result = fit(records, model, start, time_step=STEP, starts=1)
     if max(result.rmse.values()) > FAR * NOISE:
         return {}
-    std = {p.name: p.std for p in result.parameters}
-    return {name: (result.values[name] - truth[name]) / std[name] for name in begin}
+    return in_standard_errors(result, truth)

@@ -12,27 +12,41 @@ coarsest step or tolerance that keeps the tip within an error, each against itse
 
 Programs that are not installed have no row: `pip install mujoco-mjx soromox`.
 
+"many bodies": steps per second of the exported JAX module on the device that JAX finds, on all its cores if it is asked
+for by name, for 5 links in a plane, and in space with creep, slip and Bouc-Wen. With the `--bandwidth` [B/s] of the
+device's memory, a column shows the percentage of it that reading and writing the states takes. The last column is the
+largest difference of the coordinates from those on the CPU.
+
     python benchmarks/jax_peers.py [plane] [space] ["equal errors"] [--bodies 64] [--steps 100] [--gradient 0]
+    python benchmarks/jax_peers.py "many bodies" --bodies 10000 [--bandwidth 3.35e12]
 """
 
 from __future__ import annotations
 
 import os
+import sys
+import tempfile
 from collections.abc import Callable
 from functools import partial
-from importlib.util import find_spec
-from time import process_time
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
+from time import perf_counter, process_time
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import space_speed
 from export import in_mujoco
 from harness import Case, measured
+from space_batch import arm as in_space
 from space_speed import DAMPING, END, LENGTH, LINKS, LOOKS, MASS, RADIUS, STIFFNESS, TARGETS, body, to_target
-from speed.timing import best
+from speed.timing import best, in_turn
 
 import pliant
+from pliant.actuators import chen2018
 from pliant.batch.stepper import batch_stepper
+from pliant.exporters.jax_batch import rest_states
+from pliant.model import Memory, Model
 from pliant.simulation import Pulse, Stepper
 
 STEP, SEGMENT = 1e-3, LENGTH / LINKS  # s, m
@@ -43,9 +57,7 @@ timed = partial(best, seconds=0.3, repeats=3, clock=process_time)
 
 def first_call(job: Callable[[], Any]) -> float:
     """Return the processor time [s] of the first call."""
-    start = process_time()
-    job()
-    return process_time() - start
+    return float(in_turn([job], 1)[0, 0])
 
 
 def pliant_itself(turns: int, bodies: int, steps: int, **_: int) -> Row:
@@ -80,10 +92,22 @@ def in_jax(
     return row | {"gradient, many (ns)": 1e9 / steps / bodies * timed(runs[2])}
 
 
+def module_of(model: Model) -> ModuleType:
+    """Export a model to JAX, and import the file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.py"
+        pliant.export(model, "jax", path)
+        spec = spec_from_file_location(model.name, path)
+        assert spec is not None
+        assert spec.loader is not None
+        arm = module_from_spec(spec)
+        spec.loader.exec_module(arm)
+        return arm
+
+
 def exported(turns: int, **sizes: int) -> Row:
     """Return the times of the exported JAX module."""
     from jax import lax
-    from jax_bodies import exported as module_of
 
     arm, still = module_of(body(turns)), np.zeros(1)
     start = arm.rest(arm.parameters, still)
@@ -214,6 +238,52 @@ def equal_errors(turns: int, **_: int) -> Row:
     return row
 
 
+def run_many(model: Model, arm: Any, bodies: int, steps: int, kind: Any, device: Any) -> tuple[float, float, Any, int]:
+    """Return the seconds of compiling and of one run, the last coordinates, and the bytes of all states."""
+    import jax
+    import jax.numpy as jnp
+
+    with jax.default_device(device):
+        parameters = jax.tree_util.tree_map(lambda a: jnp.asarray(a, kind), arm.parameters)
+        count = len(arm.inputs)
+        rest = arm.BodyState(*(part[0] for part in rest_states([model])))
+        start = jax.tree_util.tree_map(lambda a: jnp.asarray(a, kind), rest)
+        states = jax.tree_util.tree_map(lambda a: jnp.broadcast_to(a, (bodies, *a.shape)), start)
+        levels = jnp.asarray(np.random.default_rng(0).uniform(0.0, 6e4, (bodies, count)), kind)
+
+        def last(state: Any, level: Any) -> Any:
+            advanced = jax.lax.scan(lambda s, _: (arm.step(parameters, s, level, STEP), None), state, None, steps)
+            return advanced[0]
+
+        began = perf_counter()
+        many = jax.jit(jax.vmap(last)).lower(states, levels).compile()
+        compiling, done = perf_counter() - began, many(states, levels)
+        took = best(lambda: jax.block_until_ready(many(states, levels)), seconds=0.0, repeats=1)
+        failed = int(jnp.sum(done.failed > 0))
+        if failed:
+            print(f"  {failed} of {bodies} bodies failed")
+        size = sum(a.size * a.dtype.itemsize for a in jax.tree_util.tree_leaves(states))
+        return compiling, took, np.asarray(done.position), size
+
+
+def many_bodies(model: Model, bits: int, *, bodies: int, steps: int, bandwidth: float, **_: int) -> Row:
+    """Return the times of a model in single or double precision on the device that JAX finds."""
+    import jax
+
+    device, cpu = jax.devices()[0], jax.devices("cpu")[0]
+    arm, kind = module_of(model), np.dtype(f"float{bits}")
+    compiling, took, position, size = run_many(model, arm, bodies, steps, kind, device)
+    row = {"device": f"{device.device_kind} ({device.platform}), jax {jax.__version__}", "compile (s)": compiling,
+           "steps/s": bodies * steps / took,
+           "of bandwidth (%)": 200 * size * steps / took / bandwidth if bandwidth else None}  # fmt: skip
+    if device.platform != "cpu":
+        *_, same, _ = run_many(model, arm, bodies, steps, kind, cpu)
+        row["difference from the CPU"] = float(np.abs(position - same).max())
+    return row
+
+
+MEMORY = Memory((0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.1)
+BODIES = {"planar": chen2018.model(), "space": in_space().with_(memory=MEMORY)}
 PROGRAMS = {"pliant": (pliant_itself, "pliant"), "exported JAX module": (exported, "jax"), "MuJoCo": (mujoco, "mujoco"),
             "MJX": (mjx, "mujoco.mjx"), "soromox": (soromox, "soromox")}  # fmt: skip
 
@@ -229,11 +299,14 @@ def cases(turns: int) -> list[Case]:
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1")
+    if "many bodies" not in sys.argv:
+        os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1")
     if there("jax"):
         import jax
 
         jax.config.update("jax_enable_x64", True)
     races = [Case(name, partial(equal_errors, k)) for name, k in (("bending", 2), ("twist", 3)) if there("soromox")]
-    measured(__doc__ or "", {"plane": cases(1), "space": cases(2), "equal errors": races}, bodies=64, steps=100,
-             gradient=1)  # fmt: skip
+    many = [Case(f"{name}, {bits} bits", partial(many_bodies, model, bits))
+            for name, model in BODIES.items() for bits in (32, 64) if there("jax")]  # fmt: skip
+    measured(__doc__, {"plane": cases(1), "space": cases(2), "equal errors": races, "many bodies": many}, bodies=64,
+             steps=100, gradient=1, bandwidth=0.0)  # fmt: skip

@@ -17,10 +17,10 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 import sys
 from collections.abc import Callable
 from functools import partial
-from time import process_time
 
 import numpy as np
 from harness import Case, measured
+from speed.timing import in_turn
 
 from pliant.actuators import chen2018
 from pliant.errors import InputError
@@ -104,28 +104,17 @@ def evaluating(law: dict[str, float]) -> Callable[[], None]:
     return job
 
 
-def times_of(jobs: dict[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
-    """Return the processor time (rounds,) of every job, s; the jobs run in turn."""
-    for job in jobs.values():
-        job()  # compiled here
-    spent: dict[str, list[float]] = {name: [] for name in jobs}
-    for _ in range(rounds):
-        for name, job in jobs.items():
-            began = process_time()
-            job()
-            spent[name].append(process_time() - began)
-    return {name: np.array(times) for name, times in spent.items()}
-
-
 def row(name: str, rounds: int) -> dict[str, float | None]:
     """Return the median ratios of a law to the plain model; none for a valve that a `Stepper` refuses."""
     found: dict[str, float | None] = {}
     for kind, make in (("step", stepping), ("evaluation", evaluating)):
         jobs = {each: job for each in ("plain", name) if (job := make(LAWS[each])) is not None}
-        times = times_of(jobs, rounds)
+        for job in jobs.values():
+            job()  # compiled here
+        times = dict(zip(jobs, in_turn([*jobs.values()], rounds), strict=True))
         found[kind] = float(np.median(times[name] / times["plain"])) if name in times else None
     return found
 
 
 if __name__ == "__main__":
-    measured(__doc__ or "", {"laws": [Case(name, partial(row, name)) for name in list(LAWS)[1:]]}, rounds=30)
+    measured(__doc__, {"laws": [Case(name, partial(row, name)) for name in list(LAWS)[1:]]}, rounds=30)

@@ -15,6 +15,7 @@ from typing import Any
 
 import xarray as xr
 from harness import table
+from trunk_learned import MAPPING
 
 from pliant.errors import InputError, PliantError
 from pliant.preprocessing.plausibility import CHECKS
@@ -26,10 +27,7 @@ from pliant.study.prepare import aligned_recording
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
-TRUNK: dict[str, Any] = {
-    "header": True, "rate_hz": 100.0, "length_unit": "m",
-    "stations": {f"disk{k}": {"position": [f"x{k}", f"y{k}", f"z{k}"]} for k in (1, 2, 3)},
-}  # fmt: skip
+TRUNK: dict[str, Any] = {name: MAPPING[name] for name in ("header", "rate_hz", "length_unit", "stations")}
 TENTACLE = {"time": 1, "length_unit": "m", "points": {"count": 5, "first": 2}}
 ARM = {
     "time": 0, "length_unit": "m", "pressure": {"columns": [4, 5, 6, 10, 11, 12], "unit": "psi"},

@@ -8,7 +8,6 @@ demo`. A difference is reported relative to the largest entry.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from harness import parser_of
 
 import pliant
 from pliant.contact.locate import moment_arms
@@ -175,36 +175,29 @@ def everything(demo: bool) -> Numbers:
 
 def compare(before: Numbers, after: Numbers, allowed: float) -> int:
     """Print the differences, and return the number of differences beyond `allowed`."""
-    bad, rounded, worst = 0, 0, 0.0
-    for name in sorted(before.keys() | after.keys()):
-        if name not in before or name not in after:
-            print(f"only {'after' if name in after else 'before'}: {name}")
-            bad += 1
-            continue
+    bad = [f"only {'after' if name in after else 'before'}: {name}" for name in sorted(before.keys() ^ after.keys())]
+    rounded, worst = 0, 0.0
+    for name in sorted(before.keys() & after.keys()):
         a, b = before[name], after[name]
         if a.shape != b.shape:
-            print(f"shape {a.shape} -> {b.shape}: {name}")
-            bad += 1
-            continue
-        if np.array_equal(a, b, equal_nan=True):
-            continue
-        size = float(np.nanmax(np.abs(a))) or 1.0
-        off = float(np.nanmax(np.abs(a - b))) / size
-        rounded, worst = rounded + 1, max(worst, off)
-        if not off <= allowed or (np.isnan(a) != np.isnan(b)).any():
-            print(f"differs by {off:.2e}: {name}")
-            bad += 1
-    print(f"{len(before)} arrays, {rounded} of them not equal bit for bit, by at most {worst:.2e}; {bad} bad")
-    return bad
+            bad.append(f"shape {a.shape} -> {b.shape}: {name}")
+        elif not np.array_equal(a, b, equal_nan=True):
+            off = float(np.nanmax(np.abs(a - b))) / (float(np.nanmax(np.abs(a))) or 1.0)
+            rounded, worst = rounded + 1, max(worst, off)
+            if not off <= allowed or (np.isnan(a) != np.isnan(b)).any():
+                bad.append(f"differs by {off:.2e}: {name}")
+    for line in bad:
+        print(line)
+    print(f"{len(before)} arrays, {rounded} of them not equal bit for bit, by at most {worst:.2e}; {len(bad)} bad")
+    return len(bad)
 
 
 def main() -> None:
     """Store or compare the numbers."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__, allowed=1e-12)
     parser.add_argument("what", choices=("store", "compare"))
     parser.add_argument("file", type=Path)
     parser.add_argument("--demo", action="store_true")
-    parser.add_argument("--allowed", type=float, default=1e-12)
     asked = parser.parse_args()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

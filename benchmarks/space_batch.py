@@ -10,12 +10,15 @@ python benchmarks/space_batch.py [--samples 200] [--runs 3]
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Callable
+from functools import partial
 from time import process_time
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
-from speed.timing import machine
+from harness import parser_of
+from speed.timing import in_turn, machine
 
 import pliant.batch.batch as batches
 from pliant.batch.space_lanes import lanes_last, scratch_of, shared_steps, stacked
@@ -68,21 +71,15 @@ def held_steps(model: Model, size: int, runs: int) -> list[float]:
     """Return the times [ns] of a step and body in a batch of `size` bodies that keep their states, in vectors and one
     by one.
     """
-    pressure, best = np.random.default_rng(0).uniform(0.0, 5e4, (size, 3)), [np.inf, np.inf]
-    batches_of = OnSpaceLanes([model], size, STEP), OneByOne([model], size, STEP)
-    for _ in range(3 * runs):
-        for k, batch in enumerate(batches_of):
-            start = process_time()
-            batch.hold(pressure, HELD)
-            best[k] = min(best[k], 1e9 * (process_time() - start) / size / HELD)
-    return best
+    pressure = np.random.default_rng(0).uniform(0.0, 5e4, (size, 3))
+    jobs = [partial(kind([model], size, STEP).hold, pressure, HELD) for kind in (OnSpaceLanes, OneByOne)]
+    return [1e9 * float(spent) / size / HELD for spent in in_turn(jobs, 3 * runs).min(axis=1)]
 
 
-def rollouts(samples: int, **given: Any) -> float:
-    """Return the processor time [ms] of one rollout in a batch on one thread."""
-    start = process_time()
-    batches.simulate_batch(arm(), times=TIMES, time_step=STEP, threads=1, **given)
-    return 1e3 * (process_time() - start) / samples
+def rollouts(in_vectors: Callable[..., bool], **given: Any) -> None:
+    """Compute the rollouts of a batch on one thread; `in_vectors` says which bodies are simulated in SIMD vectors."""
+    with patch.object(batches, "fits_lanes", in_vectors):
+        batches.simulate_batch(arm(), times=TIMES, time_step=STEP, threads=1, **given)
 
 
 def main(samples: int, runs: int) -> None:
@@ -97,21 +94,12 @@ def main(samples: int, runs: int) -> None:
     stiffness = {"stiffness": rng.uniform(0.45, 0.55, samples)}
     cases = {"pulses": {"pressures": pulses}, "stiffness": {"pressures": pulses[0], "parameters": stiffness},
              "both": {"pressures": pulses, "parameters": stiffness}}  # fmt: skip
-    in_vectors = batches.fits_lanes
     for name, given in cases.items():
-        best = [np.inf, np.inf]
-        for _ in range(runs + 1):
-            for k, choice in enumerate((in_vectors, lambda _: False)):
-                batches.fits_lanes = choice
-                best[k] = min(best[k], rollouts(samples, **given))
-        batches.fits_lanes = in_vectors
-        print(f"rollouts that differ in {name}: {best[0]:.2f} ms in vectors, {best[1]:.2f} ms one by one, ratio "
-              f"{best[1] / best[0]:.1f}")  # fmt: skip
+        jobs = [partial(rollouts, choice, **given) for choice in (batches.fits_lanes, lambda _: False)]
+        vectors, single = 1e3 * in_turn(jobs, runs + 1).min(axis=1) / samples
+        print(f"rollouts that differ in {name}: {vectors:.2f} ms in vectors, {single:.2f} ms one by one, ratio "
+              f"{single / vectors:.1f}")  # fmt: skip
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--samples", type=int, default=200)
-    parser.add_argument("--runs", type=int, default=3)
-    options = parser.parse_args()
-    main(options.samples, options.runs)
+    main(**vars(parser_of(__doc__, samples=200, runs=3).parse_args()))

@@ -10,10 +10,7 @@ step without tendons. The shortest processor time of many runs counts; `--second
 
 from __future__ import annotations
 
-import argparse
 import ctypes
-import subprocess
-import tempfile
 from collections.abc import Callable
 from functools import cache, partial
 from itertools import product
@@ -22,9 +19,11 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from harness import table
+from harness import parser_of, table
 from numba import njit
 from scipy.spatial.transform import Rotation
+from speed.kernels import FLAGS, POINTER, shared_library
+from speed.race import INTEGRATORS
 from speed.timing import best, machine
 
 from pliant.compiler.choose import twin
@@ -45,7 +44,6 @@ FIRST = (1 / 32, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2)  # parts of the first grad
 METHODS = {"midpoint": {}, "midpoint, graded": {"graded": True}, "extrapolated": {"extrapolated": True},
            "extrapolated, graded": {"extrapolated": True, "graded": True}}  # fmt: skip
 CALLS = 20_000
-POINTER = ctypes.POINTER(ctypes.c_double)
 
 
 def body(turns: int, tendons: int = 0) -> Model:
@@ -94,27 +92,28 @@ def loop(turns: int, tendons: int = 0) -> Any:
     return rebuild(many_steps, njit(**options(many_steps)), {"step": made})
 
 
-def step_ns(turns: int, seconds: float, tendons: int = 0) -> float:
-    """Return the time of one step, ns."""
-    chain, x, v = arm(turns, tendons), np.zeros(turns * LINKS), np.zeros(turns * LINKS)
-    seen, still, work = np.zeros((1, x.size)), np.zeros(x.size + tendons), chain.workspace()
-    run = loop(turns, tendons)
+def timed(run: Callable[[Array, Array], Any], turns: int, seconds: float) -> float:
+    """Return the time of one step, ns, of a function that takes `CALLS` steps of coordinates and their rates."""
+    x, v = np.zeros(turns * LINKS), np.zeros(turns * LINKS)
 
     def job() -> None:
         x[:], v[:] = start(turns), 1.0
-        run(CALLS, 1, x, v, 1e-4, still, chain.body, chain.joints, work, seen)
+        run(x, v)
 
     return 1e9 * best(job, seconds=seconds, clock=process_time) / CALLS
 
 
+def step_ns(turns: int, seconds: float, tendons: int = 0) -> float:
+    """Return the time of one step, ns."""
+    chain, march, size = arm(turns, tendons), loop(turns, tendons), turns * LINKS
+    rest = 1e-4, np.zeros(size + tendons), chain.body, chain.joints, chain.workspace(), np.zeros((1, size))
+    return timed(lambda x, v: march(CALLS, 1, x, v, *rest), turns, seconds)
+
+
 def c_step_ns(turns: int, seconds: float) -> float:
     """Return the time of one step of speed/space.c, ns, after a comparison with pliant's step."""
-    with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / "space.so"
-        source = Path(__file__).parent / "speed" / "space.c"
-        flags = ("-O3", "-march=native", "-shared", "-fPIC", f"-DL={LINKS}", f"-DTWIST={turns - 2}")
-        subprocess.run(["cc", *flags, str(source), "-o", str(made), "-lm"], check=True)
-        code = ctypes.CDLL(str(made))
+    source = Path(__file__).parent / "speed" / "space.c"
+    code = shared_library(source, *FLAGS, f"-DL={LINKS}", f"-DTWIST={turns - 2}")
     chain, still = arm(turns), np.zeros(turns * LINKS)
     b, j = chain.body, chain.joints
     parts = (b.length, b.mass, b.centre, b.lateral, b.axial, np.swapaxes(b.rest, 1, 2), b.base.T, b.gx, b.gy, b.gz,
@@ -129,13 +128,7 @@ def c_step_ns(turns: int, seconds: float) -> float:
     loop(turns)(1000, 1, *ours, 1e-4, still, chain.body, chain.joints, chain.workspace(), np.zeros((1, still.size)))
     run(1000, *theirs)
     np.testing.assert_allclose(theirs[0], ours[0], rtol=0, atol=1e-9)
-    x, v = np.zeros(still.size), np.zeros(still.size)
-
-    def job() -> None:
-        x[:], v[:] = start(turns), 1.0
-        run(CALLS, x, v)
-
-    return 1e9 * best(job, seconds=seconds, clock=process_time) / CALLS
+    return timed(partial(run, CALLS), turns, seconds)
 
 
 def plan(h: float, *, graded: bool) -> list[list[tuple[float, int]]]:
@@ -178,8 +171,7 @@ def quaternions() -> Array:
 
 
 def mujoco_runner(integrator: int) -> Callable[..., Array]:
-    """Return a function from a step [s], and whether the first steps are graded, to tips (LOOKS, 3), with ball joints.
-    """
+    """Return a function from a step [s], and whether the first ones are graded, to tips (LOOKS, 3) of ball joints."""
     import mujoco
 
     mujoco.set_mju_user_warning(lambda _text: None)
@@ -212,8 +204,7 @@ def mujoco_runner(integrator: int) -> Callable[..., Array]:
 
 
 def to_target(solve: Callable[[float], Array], truth: Array, target: float, steps: list[float]) -> tuple[float, float]:
-    """Return the longest step [s] from which on the largest error of the tip is within `target` [mm], and that error.
-    """
+    """Return the longest step [s] from which on the largest error of the tip is within `target` [mm], and the error."""
     kept = (np.nan, np.nan)
     for h in reversed(steps):
         with np.errstate(all="ignore"):
@@ -236,8 +227,7 @@ def race(seconds: float) -> dict[str, dict[str, Any]]:
             row = {"step_ms": 1e3 * h, "error_mm": error, "ms": steps * each / 1e6}
             found[f"pliant, {name} {target} mm"] = row
     try:
-        numbers = {"implicitfast": 3, "implicit": 2, "Euler": 0, "RK4": 1}
-        solvers = {f"MuJoCo {name}": mujoco_runner(number) for name, number in numbers.items()}
+        solvers = {f"MuJoCo {name}": mujoco_runner(number) for name, number in INTEGRATORS.items()}
     except ImportError:
         solvers = {}
     for (name, solve), graded in product(solvers.items(), (False, True)):
@@ -253,9 +243,7 @@ def race(seconds: float) -> dict[str, dict[str, Any]]:
 
 def main() -> None:
     """Print the results."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    asked.add_argument("--seconds", type=float, default=2.0)
-    seconds = asked.parse_args().seconds
+    seconds = parser_of(__doc__, seconds=2.0).parse_args().seconds
     print(machine())
     for name, turns in (("swing, 10 coordinates", 2), ("swing and twist, 15", 3)):
         ours, floor, tense = step_ns(turns, seconds), c_step_ns(turns, seconds), step_ns(turns, seconds, TENDONS)

@@ -10,7 +10,6 @@ does not have this information, so these methods are as good as possible.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 import xarray as xr
 from harness import Case, measured
 from scipy.signal import butter, lfilter, savgol_coeffs, savgol_filter
+from speed.timing import in_turn
 
 from pliant.compiler.choose import twin
 from pliant.equations import observation
@@ -73,8 +73,7 @@ def causal_polynomial(angle: Array, window: int, order: int) -> Array:
 
 
 def constant_acceleration(angle: Array, jerk: float) -> Array:
-    """Return rates of a Kalman filter of angle, rate and acceleration; `jerk` is its density over the angles' variance.
-    """
+    """Return rates of a Kalman filter of angle, rate and acceleration; `jerk`: density over the angles' variance."""
     h = 1.0 / RATE
     F = np.array([[1.0, h, 0.5 * h * h], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
     Q = jerk * np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h * h / 2], [h**3 / 6, h * h / 2, h]])
@@ -155,15 +154,11 @@ def frame_time(steps: int = 3) -> dict[str, object]:
         many: Callable[..., None] = twin(kalman_loops.many_frames, n)
         call = begin, chain_of(chain), Prediction(steps, 1.0 / RATE / steps, np.full(n, 0.05), noise), frame, workspace
         many(1, *call)
-        spent = []
-        for _ in range(200):
-            began = time.process_time()
-            many(50, *call)
-            spent.append((time.process_time() - began) / 50)
+        spent = in_turn([partial(many, 50, *call)], 200) / 50
         found.append(round(1e6 * float(np.median(spent)), 1))
     return {"a frame, with / without hysteresis (µs)": tuple(found)}
 
 
 if __name__ == "__main__":
     cases = [Case(name, partial(rates, name)) for name in "abc"]
-    measured(__doc__ or "", {"state": cases, "frame": [Case("frame of the filter", frame_time)]})
+    measured(__doc__, {"state": cases, "frame": [Case("frame of the filter", frame_time)]})

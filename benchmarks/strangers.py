@@ -1,25 +1,30 @@
-"""Measure how often the true parameters of unknown bodies lie within two standard errors of their fitted values.
+"""Measure how often the truth of unknown bodies lies where fits state it: parameters within two standard errors of
+their fitted values, and recordings within their 95 % bands where inputs differ from those of training.
 
-    python benchmarks/strangers.py --first 100 --seeds 20 --kind three
+    python benchmarks/strangers.py parameters --first 100 --seeds 20 --kind three
+    python benchmarks/strangers.py bands --first 300 --seeds 12
 
 Each seed draws a rod of the virtual laboratory: another discretisation and another solver than the chain that is
 fitted to it. The rod has what the chain lacks: friction, a lever that grows with the bend, a base that is turned and
 moved, a pressure that arrives later than it is measured, and coloured noise. Even seeds have one chamber, odd seeds one
 in each half of the body, of which the second is late. Training recordings (`--kind`): "three" of pulses, 2.5 s each;
 "single", the last of these alone; "random", one of random steps of 12 s. A parameter is determined if its standard
-error is at most half of its value.
+error is at most half of its value. Rows of bands state the fractions of the working pressure in the recording that is
+predicted; `CASES` has those of training.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
+from harness import parser_of
 
 from pliant.errors import PliantError
-from pliant.identification import Experiment, FitResult, Parameter, fit
+from pliant.identification import Experiment, Parameter, fit, predict_held_out
+from pliant.identification.prediction_bands import TrainingResiduals, prediction_band
 from pliant.model import Chamber, Model, Station, chain_model
 from pliant.selection.criterion import DETERMINED
 from pliant.simulation import Trace
@@ -34,6 +39,23 @@ PLACES = (0.45, 0.75, 1.0)  # of the length: stations
 ONE = {"low": (0.5,), "middle": (0.75,), "high": (1.0,)}  # of the working pressure, for each recording and chamber
 TWO = {"first": (1.0, 0.0), "second": (0.0, 1.0), "both": (0.7, 0.8)}
 NAMES = ("near", "far")
+Levels = tuple[float, ...]
+
+
+class Case(NamedTuple):
+    """Levels of one or two chambers in recordings of training, and in those that are predicted."""
+
+    train: tuple[Levels, ...]
+    held_out: tuple[Levels, ...]
+
+
+CASES = {
+    "one chamber": Case(((0.33,), (1.0,)), ((0.15,), (0.66,), (1.3,), (2.0,))),
+    "one at a time": Case(((1.0, 0.0), (0.0, 1.0)), ((0.7, 0.8), (1.4, 0.0), (1.4, 1.2))),
+    "two levels of each": Case(((0.5, 0.0), (1.0, 0.0), (0.0, 0.5), (0.0, 1.0)), ((0.7, 0.8), (1.4, 0.0), (1.0, 1.0))),
+    "smaller motions": Case(((1.0, 0.0), (0.0, 1.0), (0.7, 0.8)), ((0.2, 0.0), (0.0, 0.3), (0.2, 0.1))),
+    "one hardly moves": Case(((1.0, 0.0), (0.7, 0.1)), ((0.0, 0.6), (0.7, 0.8))),
+}
 
 
 def drawn(seed: int) -> tuple[RodParameters, dict[str, Any]]:
@@ -88,9 +110,13 @@ def commands(seed: int, kind: str, chambers: int) -> dict[str, list[np.ndarray]]
     if kind == "random":
         rng = np.random.default_rng([seed, 53])
         return {"random": [random_edges(rng) for _ in range(chambers)]}
-    levels = TWO if chambers > 1 else ONE
-    pulses = {name: [EDGES * [1.0, level] for level in row] for name, row in levels.items()}
-    return pulses if kind == "three" else dict(list(pulses.items())[-1:])
+    three = pulses(TWO if chambers > 1 else ONE)
+    return three if kind == "three" else dict(list(three.items())[-1:])
+
+
+def pulses(levels: Mapping[str, Levels]) -> dict[str, list[np.ndarray]]:
+    """Return the steps of pulses, as `commands` does, from the levels of the chambers by recording."""
+    return {name: [EDGES * [1.0, level] for level in row] for name, row in levels.items()}
 
 
 def chain(rod: RodParameters) -> Model:
@@ -108,20 +134,7 @@ def chain(rod: RodParameters) -> Model:
                        damping=0.02, stations=stations, **laws)  # fmt: skip
 
 
-def recorded(seed: int, kind: str) -> tuple[RodParameters, list[Experiment]]:
-    """Return the rod of a seed and its training recordings."""
-    return recorded_under(seed, commands(seed, kind, len(drawn(seed)[0].chambers)), DURATION[kind])
-
-
-def recorded_at(seed: int, levels: Mapping[str, Sequence[float]]) -> tuple[RodParameters, list[Experiment]]:
-    """Return the rod of a seed and recordings of pulses, from the levels of its chambers by recording, in fractions of
-    the working pressure.
-    """
-    pulses = {name: [EDGES * [1.0, level] for level in row] for name, row in levels.items()}
-    return recorded_under(seed, pulses, DURATION["three"])
-
-
-def recorded_under(
+def recorded(
     seed: int, inputs: Mapping[str, Sequence[np.ndarray]], duration: float,
 ) -> tuple[RodParameters, list[Experiment]]:
     """Return the rod of a seed and its recordings [`duration` s], from the steps (E, 2) of each chamber by recording,
@@ -151,22 +164,13 @@ def recorded_under(
     return rod, experiments
 
 
-def fitted(seed: int, kind: str) -> tuple[dict[str, float], FitResult]:
-    """Return the true parameters and the fit of a seed."""
-    rod, train = recorded(seed, kind)
-    true = {n: v for n, v in truth(rod).items() if n != "torque_2" or kind == "three"}  # one level, no curvature
-    return true, fit(train, chain(rod), [Parameter(n) for n in true], starts=1)
-
-
-def errors_of(seed: int, kind: str) -> dict[str, Any] | None:
+def errors_of(seed: int, kind: str) -> dict[str, Any]:
     """Return the errors of the parameters of one seed in standard errors and relative to the truth, and the standard
-    errors relative to the values (P,); None if the fit is refused.
+    errors relative to the values (P,).
     """
-    try:
-        true, result = fitted(seed, kind)
-    except PliantError as error:
-        print(f"seed {seed}: {error}")
-        return None
+    rod, train = recorded(seed, commands(seed, kind, len(drawn(seed)[0].chambers)), DURATION[kind])
+    true = {n: v for n, v in truth(rod).items() if n != "torque_2" or kind == "three"}  # one level, no curvature
+    result = fit(train, chain(rod), [Parameter(n) for n in true], starts=1)
     assert result.covariance is not None
     scatter = dict(zip(result.covariance.names, result.covariance.std, strict=True))
     free = [p for p in result.parameters if p.free]
@@ -178,15 +182,16 @@ def errors_of(seed: int, kind: str) -> dict[str, Any] | None:
             "relative": off / np.where(truths, truths, np.nan)}  # fmt: skip
 
 
-def summary(bodies: list[dict[str, Any] | None]) -> str:
-    """Return the fraction of determined parameters whose truth lies within two standard errors, and their errors."""
-    kept = [body for body in bodies if body is not None]
+def summary(kept: list[dict[str, Any]], bodies: int) -> str:
+    """Return the fraction of determined parameters whose truth lies within two standard errors, and their errors, of
+    those of `bodies` that were not refused.
+    """
     off, size, relative, scattered = (np.concatenate([body[name] for body in kept])
                                       for name in ("off", "size", "relative", "scattered"))  # fmt: skip
     determined = np.isfinite(off) & (size <= DETERMINED)
     z, relative = np.abs(off[determined]), relative[determined]
     within, scattered = np.mean(z <= 2.0), np.mean(np.abs(scattered[determined]) <= 2.0)
-    return (f"{len(bodies)} bodies, {len(bodies) - len(kept)} refused; {z.size} of {np.isfinite(off).sum()} "
+    return (f"{bodies} bodies, {bodies - len(kept)} refused; {z.size} of {np.isfinite(off).sum()} "
             f"parameters determined; truth within 2 standard errors of {100 * within:.0f} % of these "
             f"({100 * scattered:.0f} % without errors of the model's form); distance median {np.median(z):.2g}, nine "
             f"in ten below {np.quantile(z, 0.9):.2g}, worst {z.max():.3g} standard errors; median error "
@@ -194,14 +199,58 @@ def summary(bodies: list[dict[str, Any] | None]) -> str:
             f"{100 * np.median(size[determined]):.1f} %")  # fmt: skip
 
 
+def coverage(seed: int, case: Case) -> list[float]:
+    """Return the part [%] of each predicted recording within its band."""
+    levels = (*case.train, *case.held_out)
+    rod, experiments = recorded(seed, pulses({f"r{k}": row for k, row in enumerate(levels)}), DURATION["three"])
+    assert len(rod.chambers) == len(case.train[0])
+    recordings = dict(zip(levels, experiments, strict=True))
+    train = [recordings[row] for row in case.train]
+    result = fit(train, chain(rod), [Parameter(n) for n in truth(rod)], starts=1)
+    left, parts = TrainingResiduals.of(train, result), []
+    for row in case.held_out:
+        exp = recordings[row]
+        predicted, refit = predict_held_out(exp, result)
+        band = prediction_band(exp, result, noise=left.noise(exp, predicted["compared"]), own=refit, training=train,
+                               reach=left.reach())  # fmt: skip
+        parts.append(100.0 * band.holds(exp.compared))
+    return parts
+
+
+def computed(seeds: Sequence[int], of_seed: Callable[[int], Any]) -> Iterator[Any]:
+    """Yield what a function computes for each seed whose fit is not refused."""
+    for seed in seeds:
+        try:
+            yield of_seed(seed)
+        except PliantError as error:
+            print(f"seed {seed}: {error}")
+
+
+def bands(first: int, bodies: int, names: Sequence[str]) -> None:
+    """Print the coverage of each case."""
+    for name in names:
+        even = first + first % 2  # seeds of bodies with one chamber
+        odd = name != "one chamber"
+        seeds = range(even + odd, even + 2 * bodies, 2)
+        every = np.array([*computed(seeds, partial(coverage, case=CASES[name]))])
+        for row, parts in zip(CASES[name].held_out, every.T, strict=True):
+            print(f"{name:<20} {row}: {len(parts)} bodies, median {np.median(parts):.0f} %, 92 % and more in "
+                  f"{100 * np.mean(parts >= 92):.0f} %, 85 % and more in {100 * np.mean(parts >= 85):.0f} %, least "
+                  f"{parts.min():.0f} %", flush=True)  # fmt: skip
+
+
 def main() -> None:
-    """Compute the seeds and print a summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--seeds", type=int, default=12, help="number of seeds")
-    parser.add_argument("--kind", choices=list(DURATION), default="three", help="training recordings")
+    """Compute the seeds and print a summary of the parameters, or the coverage of bands."""
+    parser = parser_of(__doc__, first=0, seeds=12)
+    parser.add_argument("what", choices=("parameters", "bands"))
+    parser.add_argument("--kind", choices=list(DURATION), default="three", help="training recordings of parameters")
+    parser.add_argument("--case", choices=list(CASES), action="append", help="of bands; default: all")
     args = parser.parse_args()
-    print(summary([errors_of(args.first + k, args.kind) for k in range(args.seeds)]))
+    if args.what == "bands":
+        bands(args.first, args.seeds, args.case or list(CASES))
+    else:
+        seeds = range(args.first, args.first + args.seeds)
+        print(summary([*computed(seeds, partial(errors_of, kind=args.kind))], args.seeds))
 
 
 if __name__ == "__main__":

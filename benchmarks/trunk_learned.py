@@ -12,13 +12,13 @@ held angles are replaced by lines, as in studies.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from itertools import combinations_with_replacement, product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from harness import parser_of
 
 from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.held import leave_out_frozen, lines_between_changes
@@ -175,7 +175,7 @@ def chosen(makers: list[Callable[[], Model]], run: Run, train: Array, block: Arr
 
 def main() -> None:
     """Fit all families, run them without feedback, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, required=True)
     given = parser.parse_args()
     first, third, loaded = (load(given.data, name) for name in ("controlled_1", "controlled_3", "controlled_1_100g"))

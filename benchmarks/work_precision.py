@@ -5,16 +5,15 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from speed.methods import mujoco_methods, pliant_extrapolated, pliant_midpoint, scipy_methods, solved
-from speed.problem import TARGET_MM, Problem
-from speed.race import curve
+from harness import parser_of
+from speed import race
+from speed.race import TARGET_MM
 from speed.timing import machine
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -45,25 +44,20 @@ def draw(curves: dict[str, list[dict[str, float]]], processor: str):
 
 def main() -> None:
     """Race the methods, draw the figure and write it."""
-    asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("--seconds", type=float, default=float("inf"))
-    limit = asked.parse_args().seconds
-    problem = solved(Problem())
-    methods = [
-        pliant_midpoint(problem), pliant_extrapolated(problem), *scipy_methods(problem), *mujoco_methods(problem),
-    ]
+    limit = parser_of(__doc__, seconds=float("inf")).parse_args().seconds
+    problem = race.solved(race.Problem())
+    methods = [race.pliant_midpoint(problem), race.pliant_extrapolated(problem), *race.scipy_methods(problem),
+               *race.mujoco_methods(problem)]  # fmt: skip
     curves = {}
     never = "never within the target" if limit == float("inf") else "not within the target in the time given"
     for method in methods:
-        rows = curve(problem, method, limit)
-        if rows:
+        said = "no setting gives an answer"
+        if rows := race.curve(problem, method, limit):
             curves[method.name] = rows
             at = [r for r in rows if r["error_mm"] <= TARGET_MM]
             fastest = min(at, key=lambda r: r["ms"]) if at else None
             said = f"{fastest['ms']:.3g} ms at {fastest['error_mm']:.2g} mm" if fastest else never
-            print(f"{method.name:<28} {said}", flush=True)
-        else:
-            print(f"{method.name:<28} no setting gives an answer", flush=True)
+        print(f"{method.name:<28} {said}", flush=True)
     if limit < float("inf"):
         return
     figure = draw(curves, str(machine()["processor"]))

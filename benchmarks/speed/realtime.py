@@ -49,8 +49,7 @@ def realtime(seconds: float = 10.0, period: float = 1e-3) -> dict[str, Any]:
 
 
 def left_behind(stepper: Stepper, count: int = 20_000) -> int:
-    """Return the bytes that `count` steps allocate and do not free, after as many steps that fill Python's free lists.
-    """
+    """Return the bytes that `count` steps allocate and keep, after as many steps that fill Python's free lists."""
     step, pressures = stepper.step, [1e4] * count
     gc.collect()
     gc.disable()
@@ -74,7 +73,7 @@ def run_clock(stepper: Stepper | None, pressures: list[float], period: int) -> A
     Without a stepper the loop keeps time and does nothing.
     """
     took, late = np.zeros((2, len(pressures)), dtype=np.int64)
-    now, step, sleep = time.perf_counter_ns, stepper.step if stepper else idle, time.sleep
+    now, step, sleep = time.perf_counter_ns, stepper.step if stepper else lambda _pressure: None, time.sleep
     for p in pressures[:100]:
         step(p)
     if stepper:
@@ -97,7 +96,3 @@ def run_clock(stepper: Stepper | None, pressures: list[float], period: int) -> A
         gc.enable()
         gc.unfreeze()
     return np.stack([took, late])
-
-
-def idle(_pressure: float) -> None:
-    """Do nothing in place of a step."""

@@ -19,12 +19,10 @@ from pliant.errors import InputError
 from pliant.mechanics import mechanics_of
 
 run = loaded("run")
-batches, floors, measure, methods, problems, race, realtime = (
-    sys.modules[f"speed.{name}"] for name in ("batches", "floor", "measure", "methods", "problem", "race", "realtime")
-)
-MEANING, TARGET_MM, Problem = measure.MEANING, problems.TARGET_MM, problems.Problem
+kernels, race, realtime = (sys.modules[f"speed.{name}"] for name in ("kernels", "race", "realtime"))
+MEANING, TARGET_MM, Problem = run.MEANING, race.TARGET_MM, race.Problem
 Method, pliant_extrapolated, pliant_midpoint, scipy_methods = (
-    methods.Method, methods.pliant_extrapolated, methods.pliant_midpoint, methods.scipy_methods
+    race.Method, race.pliant_extrapolated, race.pliant_midpoint, race.scipy_methods
 )
 error_of, to_target = race.error_of, race.to_target
 
@@ -78,7 +76,7 @@ def test_a_method_that_fails_is_never_within(problem):
 
 def test_mujoco_solves_the_same_problem(problem):
     pytest.importorskip("mujoco", reason="the extra 'bench' is not installed")
-    by_name = {m.name: m for m in methods.mujoco_methods(problem)}
+    by_name = {m.name: m for m in race.mujoco_methods(problem)}
     assert error_of(problem, by_name["MuJoCo RK4"], 4e-4) < 1e-3
     assert error_of(problem, by_name["MuJoCo implicitfast"], 1e-3) < 0.5
 
@@ -99,18 +97,18 @@ def test_real_time_keeps_count_and_leaves_the_collector_on():
 
 @pytest.mark.slow
 def test_kernels_and_the_file(tmp_path):
-    found = measure.measure({"kernels": measure.PARTS["kernels"]})
+    found = run.measure({"kernels": run.JOBS["kernels"]})
     assert {"step_ns", "rhs_ns", "rhs_jacobian_ns", "machine", "pliant"} <= set(found)
-    path = measure.write(found, tmp_path / "results" / "bench.json")
+    path = run.write(found, tmp_path / "results" / "bench.json")
     assert json.loads(path.read_text(encoding="utf-8"))["step_ns"] == found["step_ns"]
-    assert any(line.startswith("  step_ns") for line in measure.lines(found))
+    assert any(line.startswith("  step_ns") for line in run.lines(found))
     assert {k for k in found if k not in ("machine", "pliant")} <= set(MEANING)
 
 
 def test_the_floor_in_plain_c_does_the_same_mathematics():
     """Written by hand, beside kernels that were recorded from the text: a thousand steps, and every derivative."""
     model = chen2018.model(gravity=[1.0, -9.0], stiffening=-0.3, stiffening_bound=0.7, rest_angle=0.02, base_angle=0.1)
-    floor, n, torque = floors.Floor(model), 5, np.linspace(0.05, 0.08, 5)
+    floor, n, torque = kernels.Floor(model), 5, np.linspace(0.05, 0.08, 5)
     if floor.code is None:
         pytest.skip("no C compiler")
     phi, w, a = np.linspace(0.05, 0.25, n), np.linspace(0.1, 1.0, n), np.zeros(n)
@@ -131,8 +129,8 @@ def test_the_floor_in_plain_c_does_the_same_mathematics():
 
 
 def test_registers_and_memory_are_those_of_the_machine():
-    assert [batches.lanes_of(flags) for flags in ({"sse2"}, {"avx", "avx2"}, {"avx2", "avx512f"})] == [2, 4, 8]
-    assert 1e8 < batches.bandwidth() < 1e13  # bytes a second: between a memory card and no computer
+    assert [kernels.lanes_of(flags) for flags in ({"sse2"}, {"avx", "avx2"}, {"avx2", "avx512f"})] == [2, 4, 8]
+    assert 1e8 < kernels.bandwidth() < 1e13  # bytes a second: between a memory card and no computer
 
 
 def test_unknown_parts_are_refused(monkeypatch, capsys):

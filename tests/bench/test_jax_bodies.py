@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
-
 import pytest
 from benchmark_scripts import FOLDER, loaded
 
 pytestmark = pytest.mark.slow  # JAX compiles the steps of two bodies, the other script those of five links
 
 
-def test_bodies_in_jax(capsys):
+def test_bodies_in_jax(monkeypatch):
     jax = pytest.importorskip("jax", reason="jax is not installed: pip install -e '.[jax]'")
-    bandwidth = 1e9  # B/s
+    monkeypatch.syspath_prepend(FOLDER)
+    peers = loaded("jax_peers")
     with jax.enable_x64(True):
-        loaded("jax_bodies").main(argparse.Namespace(bodies=[3], steps=4, float=[64], bandwidth=bandwidth))
-    rows = [row.split() for row in capsys.readouterr().out.splitlines()[2:]]
-    assert [row[:3] for row in rows] == [["planar", "64", "3"], ["space", "64", "3"]]
-    assert all(float(row[4]) > 0.0 and row[5].endswith("%") for row in rows)
+        rows = [peers.many_bodies(model, 64, bodies=3, steps=4, bandwidth=1e9) for model in peers.BODIES.values()]
+    assert len(rows) == 2
+    assert all(row["steps/s"] > 0.0 and row["of bandwidth (%)"] > 0.0 for row in rows)
 
 
 def test_batches_in_space(capsys):

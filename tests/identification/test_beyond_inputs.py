@@ -126,7 +126,7 @@ def test_an_error_in_proportion_to_the_motion_stays_in_proportion():
 @pytest.mark.slow
 def test_bands_of_virtual_rods_hold_beyond_their_training():
     """Another solver, friction, a turned base, a late chamber."""
-    script: Any = loaded("other_inputs")
+    script: Any = loaded("strangers")
     for name in ("smaller motions", "one hardly moves"):
         parts = np.array([script.coverage(seed, script.CASES[name]) for seed in (301, 303, 305)])
         assert np.median(parts, axis=0).min() > 85.0, (name, parts)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 GAINS = (("gain_x", "gain_y"), ("axial_gain",), ("torque_1",))  # parameters that scale the effect of an input, by kind
 # Error of the model, as a fraction of the motion in training, that may pass for the effect of an input; set with
-# benchmarks/other_inputs.py
+# benchmarks/strangers.py bands
 MISTAKEN = 0.05
 
 

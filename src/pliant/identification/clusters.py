@@ -25,7 +25,7 @@ COLOURED_NOISE = 1.5  # standard deviations of white noise that residuals of col
 UNSEEN = 0.5  # coherence of a single channel or of a few poses: that of other bodies
 FEWEST_FRAMES = 5  # that show a correlation between channels
 # Independent values that an error of the model's form counts as, however many frames show it; set with
-# benchmarks/strangers.py
+# benchmarks/strangers.py parameters
 INDEPENDENT = 3.0
 
 
