@@ -98,6 +98,37 @@ def test_curvatures_by_arc_length_need_no_mapping(tmp_path: Path, start, behind,
     assert study["mapping"]["arc_unit"] == unit
 
 
+def test_curvatures_of_numbered_segments_are_at_no_arc_lengths(tmp_path: Path) -> None:
+    for start, first in (("kappa", 1), ("Curvature_", 1), ("k", 0)):
+        path = gratings(tmp_path / f"{start}.txt", start, "", [str(first + k) for k in range(5)])
+        done = invoke("new", tmp_path / "s.toml", "--from", path)
+        assert done.exit_code
+        assert not (tmp_path / "s.toml").exists()
+
+
+@pytest.mark.parametrize(("behind", "unit"), [(" mm (rad)", "rad"), (" mm [deg]", "deg"), (" mm", "?")])
+def test_directions_of_curvatures_keep_their_unit(tmp_path: Path, behind: str, unit: str) -> None:
+    arcs = ["0", "25", "50", "75", "100"]
+    path = gratings(tmp_path / "fbg.txt", "Curvature ", " mm (1/m)", arcs)
+    lines = path.read_text().splitlines()
+    added = "".join(f"\tAngle {arc}{behind}" for arc in arcs)
+    path.write_text("\n".join([lines[2] + added, *(line + 5 * "\t0.5" for line in lines[3:]), ""]))
+    study, said = drafted(tmp_path / "s.toml", path)
+    assert study["mapping"]["direction"] == "Angle "
+    assert study["mapping"]["direction_unit"] == unit
+    assert ("? direction_unit: unit of the directions" in said) == (unit == "?")
+
+
+def test_a_pressure_without_a_unit_beside_curvatures_is_asked_for_it(tmp_path: Path) -> None:
+    path = gratings(tmp_path / "fbg.txt", "kappa_", "", ["0", "25", "50", "75", "100"])
+    path.write_text(path.read_text().replace("Pressure [kPa]", "pressure"))
+    study, said = drafted(tmp_path / "s.toml", path)
+    assert study["mapping"]["pressure_unit"] == "?"
+    assert "? pressure_unit: unit (gauge) of pressure: kPa" in said
+    assert all("nominal_pressure" not in recording for recording in study["recordings"].values())
+    assert "length_unit" not in (tmp_path / "s.toml").read_text()
+
+
 def test_numbered_channels_are_no_curvatures(tmp_path: Path) -> None:
     path = gratings(tmp_path / "log.txt", "Channel ", "", ["1", "2", "3", "4"])
     done = invoke("new", tmp_path / "s.toml", "--from", path)
