@@ -59,6 +59,22 @@ def test_markers_whose_numbers_stay_keep_their_names(tmp_path: Path) -> None:
     assert "mapping" not in study
 
 
+def test_a_rigid_plate_stays_one_station_beside_markers_of_a_soft_body(tmp_path: Path) -> None:
+    plate = np.array([[12.0, 2.0, 1.0], [-11.0, 4.0, 0.0], [1.0, -13.0, 0.0]])  # mm
+    rng, files = np.random.default_rng(3), []
+    for k, angle in enumerate((0.6, 1.2, 1.9)):
+        s = np.array([0.4, 0.7, 1.0]) * angle
+        body = 120 / angle * np.column_stack([1 - np.cos(s), 0 * s, -np.sin(s)])
+        frames = np.concatenate([plate, body]) + 0.02 * rng.standard_normal((30, 6, 3))
+        head = ["t_s", *(f"{part}{m}_{a}_mm" for part in ("Base", "Body") for m in (1, 2, 3) for a in "xyz")]
+        rows = [f"{j / 50:.2f}," + ",".join(f"{v:.3f}" for v in frame.ravel()) for j, frame in enumerate(frames)]
+        files.append(tmp_path / f"pose_{20 * (k + 1)}kPa.csv")
+        files[-1].write_text("\n".join([",".join(head), *rows, ""]))
+    study, _ = drafted(tmp_path / "s.toml", *files)
+    assert study["alignment"]["stations"] == {
+        "base": ["Base1", "Base2", "Base3"], "Body1": ["Body1"], "Body2": ["Body2"], "Body3": ["Body3"]}  # fmt: skip
+
+
 @pytest.mark.parametrize("marker", ["-3.697314E+28", "3.4028235e+38", "-3.7E28"])
 def test_numbers_that_mark_missing_values_are_gaps_and_counted(tmp_path: Path, marker: str) -> None:
     time, pressure, base, tip = bending()

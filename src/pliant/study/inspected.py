@@ -18,7 +18,7 @@ from pliant.recording.column_names import words_of
 from pliant.study.column_guess import guessed_table
 from pliant.study.first_reading import several, with_logs
 from pliant.study.kinds import STILL, Kind, PoseOfFile, PoseOfRow, UnrecordedPressure, WithoutCause, recognised
-from pliant.study.plates import one_body, rigid
+from pliant.study.plates import one_body, rigid, rigid_clusters
 from pliant.study.shorthand import open_entries
 from pliant.study.trial import (
     Trial,
@@ -190,8 +190,8 @@ def inspect_all(
 
 
 def apart_in_others(trials: Sequence[Trial]) -> list[Trial]:
-    """Return the trials with every marker as a station of its own, if each file holds one pose and the markers that
-    keep their distances in it have others in another file: they are on no rigid plate.
+    """Return the trials with the markers of a plate as stations of their own, if each file holds one pose and these
+    markers, which keep their distances in it, have others in another file: they are on no rigid plate.
     """
     first = trials[0].recording
     plates = {name: markers for trial in trials for name, markers in trial.stations.items() if len(markers) > 1}
@@ -203,8 +203,10 @@ def apart_in_others(trials: Sequence[Trial]) -> list[Trial]:
     poses = first[["position"]].isel(time=np.zeros(len(trials), int)).copy(data={"position": np.array(medians)})
     if any(trial.peak_motion > STILL * moved for trial in trials) or all(map(partial(rigid, poses), plates.values())):
         return list(trials)
-    alone = [replace(trial, stations={}) for trial in trials]
-    return [with_alignment(replace(t, options=directions(t.recording, t.quality, {}, dense=t.dense))) for t in alone]
+    stations = rigid_clusters(poses)
+    grouped = [replace(trial, stations=stations) for trial in trials]
+    return [with_alignment(replace(t, options=directions(t.recording, t.quality, stations, dense=t.dense)))
+            for t in grouped]  # fmt: skip
 
 
 def channels_of(trials: Sequence[Trial]) -> dict[str, str]:
