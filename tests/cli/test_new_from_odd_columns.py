@@ -15,6 +15,7 @@ from unit_tables import bending
 
 from pliant.study.draft import draft_study
 from pliant.study.draft_check import answered
+from pliant.study.inspected import orders_of
 
 pytestmark = pytest.mark.usefixtures("untried")
 LENGTH, BASE = 0.12, np.array([0.3, -0.2, 1.1])
@@ -50,6 +51,26 @@ def test_markers_whose_numbers_change_places_come_in_one_order(tmp_path: Path, l
         assert [column["position"][0] for column in stations.values()] == [
             f"M{order.index(marker) + 1}_x_mm" for marker in range(4)]  # fmt: skip
     assert "the names M1, M2, M3, M4 change places between the files" in (tmp_path / "s.toml").read_text()
+
+
+@pytest.mark.parametrize(("bends", "unsure"), [((1.0, 2.0, 3.0), ""), ((5.2, 3.0, 1.0), "cable_1.0N.csv")])  # rad
+def test_an_order_that_the_distances_do_not_show_is_asked_for(tmp_path: Path, bends, unsure: str) -> None:
+    orders = [[3, 1, 0, 2], [0, 1, 2, 3], [3, 2, 1, 0]]
+    files = [pose(tmp_path / f"cable_{k + 1}.0N.csv", bend / LENGTH, order)
+             for k, (bend, order) in enumerate(zip(bends, orders, strict=True))]  # fmt: skip
+    _, said = drafted(tmp_path / "s.toml", *files)
+    assert f"? stations: the markers of {unsure} fit two orders nearly alike" in said if unsure else \
+        "? stations" not in said
+
+
+def test_poses_are_ordered_one_after_another_from_the_least_bent() -> None:
+    s, poses, orders = np.linspace(0.0, 1.0, 6), [], [[3, 1, 4, 0, 2, 5], [0, 1, 2, 3, 4, 5], [5, 4, 3, 2, 1, 0]]
+    for bend, order in zip((4.6, 3.0, 1.0), orders, strict=True):
+        points = np.column_stack([1 - np.cos(bend * s), 0 * s, np.sin(bend * s)]) / bend
+        poses.append(points[order])
+    listed, unsure = orders_of(poses, np.zeros(3))
+    assert [[order[k] for k in by] for order, by in zip(orders, listed, strict=True)] == 3 * [[*range(6)]]
+    assert unsure == []
 
 
 def test_markers_whose_numbers_stay_keep_their_names(tmp_path: Path) -> None:
