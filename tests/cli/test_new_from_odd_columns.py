@@ -13,8 +13,8 @@ import pytest
 from command_line import invoke
 from unit_tables import bending
 
-from pliant.study.draft import draft_study
-from pliant.study.draft_check import answered
+from pliant.study.draft import checked, draft_study
+from pliant.study.draft_check import DraftCheck, answered
 from pliant.study.inspected import orders_of
 
 pytestmark = pytest.mark.usefixtures("untried")
@@ -109,6 +109,7 @@ def test_numbers_that_mark_missing_values_are_gaps_and_counted(tmp_path: Path, m
     shown = invoke("inspect", path)
     assert shown.exit_code == 0, shown.exception or shown.output
     assert "6 value(s) of coil.csv are 3." in shown.output
+    assert "the number by which instruments mark a missing value: they are gaps" in " ".join(shown.output.split())
     assert "drop-outs: tip 2" in shown.output
 
 
@@ -171,6 +172,15 @@ def test_numbered_channels_are_no_curvatures(tmp_path: Path) -> None:
     done = invoke("new", tmp_path / "s.toml", "--from", path)
     assert done.exit_code
     assert "holds inputs alone" in str(done.exception)
+
+
+def test_a_wrapped_warning_is_no_entry_once_its_hash_is_removed(tmp_path: Path, monkeypatch) -> None:
+    study = tmp_path / "s.toml"
+    first = draft_study([pose(tmp_path / "cable_1.0N.csv", 8.0, [0, 1, 2, 3])], study, length=0.12, mass=0.05)
+    for words in range(40, 60):  # one of these lines is wrapped before its length
+        check = DraftCheck("a " * words + "length = 0.1 m, mass = 0.2 kg", None, ())
+        monkeypatch.setattr("pliant.study.draft.check_draft", lambda *_, check=check: check)
+        tomllib.loads(re.sub(r"(?m)^# (\w+ = )", r"\1", checked(first, study).text.partition("\nname = ")[0]))
 
 
 def test_points_in_pixels_are_tried_at_a_scale_that_fits_the_length(tmp_path: Path) -> None:

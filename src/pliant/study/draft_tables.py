@@ -259,7 +259,7 @@ def reduction(out: Lines, trials: Sequence[Trial]) -> None:
     widest = max(trials, key=lambda trial: trial.peak_motion)
     out.put("recording", widest.name, "the recording that determines the links; it has the largest motion")
     out.put("bound_mm", 3.0, "the smallest number of links with a shape error below this in every frame is used")
-    out.propose("links", 5, "use this instead of bound_mm to set the number of links yourself")
+    out.propose("links", 5, "overrides bound_mm: the number of links as you set it")
 
 
 def selection(out: Lines, inspected: Inspected) -> None:

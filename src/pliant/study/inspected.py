@@ -266,8 +266,8 @@ def in_one_order(trials: Sequence[Trial]) -> list[Trial]:
     unchanged if none does.
 
     Stations of tables that nobody described come in one order: base first, then by their distance from it in the least
-    bent pose; see `orders_of`. So do those whose names differ in numbers alone, such as M1 and M2, if the numbers change
-    places between the files: the base has not the same one in all.
+    bent pose; see `orders_of`. So do those whose names differ in numbers alone, such as M1 and M2, if the numbers
+    change places between the files: the base has not the same one in all.
     """
     medians = [np.nanmedian(trial.grouped["position"].values, axis=0) for trial in trials]  # (S, 3) of each
     gaps = np.array([[np.linalg.norm(p - point, axis=1).min() for p in medians] for point in medians[0]])  # (S, files)
