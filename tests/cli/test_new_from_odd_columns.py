@@ -13,8 +13,9 @@ import pytest
 from command_line import invoke
 from unit_tables import bending
 
-from pliant.study.draft import draft_study
-from pliant.study.draft_check import answered
+from pliant.study.draft import checked, draft_study
+from pliant.study.draft_check import DraftCheck, answered
+from pliant.study.inspected import orders_of
 
 pytestmark = pytest.mark.usefixtures("untried")
 LENGTH, BASE = 0.12, np.array([0.3, -0.2, 1.1])
@@ -52,11 +53,47 @@ def test_markers_whose_numbers_change_places_come_in_one_order(tmp_path: Path, l
     assert "the names M1, M2, M3, M4 change places between the files" in (tmp_path / "s.toml").read_text()
 
 
+@pytest.mark.parametrize(("bends", "unsure"), [((1.0, 2.0, 3.0), ""), ((5.2, 3.0, 1.0), "cable_1.0N.csv")])  # rad
+def test_an_order_that_the_distances_do_not_show_is_asked_for(tmp_path: Path, bends, unsure: str) -> None:
+    orders = [[3, 1, 0, 2], [0, 1, 2, 3], [3, 2, 1, 0]]
+    files = [pose(tmp_path / f"cable_{k + 1}.0N.csv", bend / LENGTH, order)
+             for k, (bend, order) in enumerate(zip(bends, orders, strict=True))]  # fmt: skip
+    _, said = drafted(tmp_path / "s.toml", *files)
+    assert f"? stations: the markers of {unsure} fit two orders nearly alike" in said if unsure else \
+        "? stations" not in said
+
+
+def test_poses_are_ordered_one_after_another_from_the_least_bent() -> None:
+    s, poses, orders = np.linspace(0.0, 1.0, 6), [], [[3, 1, 4, 0, 2, 5], [0, 1, 2, 3, 4, 5], [5, 4, 3, 2, 1, 0]]
+    for bend, order in zip((4.6, 3.0, 1.0), orders, strict=True):
+        points = np.column_stack([1 - np.cos(bend * s), 0 * s, np.sin(bend * s)]) / bend
+        poses.append(points[order])
+    listed, unsure = orders_of(poses, np.zeros(3))
+    assert [[order[k] for k in by] for order, by in zip(orders, listed, strict=True)] == 3 * [[*range(6)]]
+    assert unsure == []
+
+
 def test_markers_whose_numbers_stay_keep_their_names(tmp_path: Path) -> None:
     files = [pose(tmp_path / f"cable_{k}.0N.csv", 2.0 * k, [0, 1, 2, 3]) for k in (1, 2, 3)]
     study, _ = drafted(tmp_path / "s.toml", *files)
     assert study["alignment"]["options"]["base"] == "M1"
     assert "mapping" not in study
+
+
+def test_a_rigid_plate_stays_one_station_beside_markers_of_a_soft_body(tmp_path: Path) -> None:
+    plate = np.array([[12.0, 2.0, 1.0], [-11.0, 4.0, 0.0], [1.0, -13.0, 0.0]])  # mm
+    rng, files = np.random.default_rng(3), []
+    for k, angle in enumerate((0.6, 1.2, 1.9)):
+        s = np.array([0.4, 0.7, 1.0]) * angle
+        body = 120 / angle * np.column_stack([1 - np.cos(s), 0 * s, -np.sin(s)])
+        frames = np.concatenate([plate, body]) + 0.02 * rng.standard_normal((30, 6, 3))
+        head = ["t_s", *(f"{part}{m}_{a}_mm" for part in ("Base", "Body") for m in (1, 2, 3) for a in "xyz")]
+        rows = [f"{j / 50:.2f}," + ",".join(f"{v:.3f}" for v in frame.ravel()) for j, frame in enumerate(frames)]
+        files.append(tmp_path / f"pose_{20 * (k + 1)}kPa.csv")
+        files[-1].write_text("\n".join([",".join(head), *rows, ""]))
+    study, _ = drafted(tmp_path / "s.toml", *files)
+    assert study["alignment"]["stations"] == {
+        "base": ["Base1", "Base2", "Base3"], "Body1": ["Body1"], "Body2": ["Body2"], "Body3": ["Body3"]}  # fmt: skip
 
 
 @pytest.mark.parametrize("marker", ["-3.697314E+28", "3.4028235e+38", "-3.7E28"])
@@ -72,6 +109,7 @@ def test_numbers_that_mark_missing_values_are_gaps_and_counted(tmp_path: Path, m
     shown = invoke("inspect", path)
     assert shown.exit_code == 0, shown.exception or shown.output
     assert "6 value(s) of coil.csv are 3." in shown.output
+    assert "the number by which instruments mark a missing value: they are gaps" in " ".join(shown.output.split())
     assert "drop-outs: tip 2" in shown.output
 
 
@@ -98,11 +136,51 @@ def test_curvatures_by_arc_length_need_no_mapping(tmp_path: Path, start, behind,
     assert study["mapping"]["arc_unit"] == unit
 
 
+def test_curvatures_of_numbered_segments_are_at_no_arc_lengths(tmp_path: Path) -> None:
+    for start, first in (("kappa", 1), ("Curvature_", 1), ("k", 0)):
+        path = gratings(tmp_path / f"{start}.txt", start, "", [str(first + k) for k in range(5)])
+        done = invoke("new", tmp_path / "s.toml", "--from", path)
+        assert done.exit_code
+        assert not (tmp_path / "s.toml").exists()
+
+
+@pytest.mark.parametrize(("behind", "unit"), [(" mm (rad)", "rad"), (" mm [deg]", "deg"), (" mm", "?")])
+def test_directions_of_curvatures_keep_their_unit(tmp_path: Path, behind: str, unit: str) -> None:
+    arcs = ["0", "25", "50", "75", "100"]
+    path = gratings(tmp_path / "fbg.txt", "Curvature ", " mm (1/m)", arcs)
+    lines = path.read_text().splitlines()
+    added = "".join(f"\tAngle {arc}{behind}" for arc in arcs)
+    path.write_text("\n".join([lines[2] + added, *(line + 5 * "\t0.5" for line in lines[3:]), ""]))
+    study, said = drafted(tmp_path / "s.toml", path)
+    assert study["mapping"]["direction"] == "Angle "
+    assert study["mapping"]["direction_unit"] == unit
+    assert ("? direction_unit: unit of the directions" in said) == (unit == "?")
+
+
+def test_a_pressure_without_a_unit_beside_curvatures_is_asked_for_it(tmp_path: Path) -> None:
+    path = gratings(tmp_path / "fbg.txt", "kappa_", "", ["0", "25", "50", "75", "100"])
+    path.write_text(path.read_text().replace("Pressure [kPa]", "pressure"))
+    study, said = drafted(tmp_path / "s.toml", path)
+    assert study["mapping"]["pressure_unit"] == "?"
+    assert "? pressure_unit: unit (gauge) of pressure: kPa" in said
+    assert all("nominal_pressure" not in recording for recording in study["recordings"].values())
+    assert "length_unit" not in (tmp_path / "s.toml").read_text()
+
+
 def test_numbered_channels_are_no_curvatures(tmp_path: Path) -> None:
     path = gratings(tmp_path / "log.txt", "Channel ", "", ["1", "2", "3", "4"])
     done = invoke("new", tmp_path / "s.toml", "--from", path)
     assert done.exit_code
     assert "holds inputs alone" in str(done.exception)
+
+
+def test_a_wrapped_warning_is_no_entry_once_its_hash_is_removed(tmp_path: Path, monkeypatch) -> None:
+    study = tmp_path / "s.toml"
+    first = draft_study([pose(tmp_path / "cable_1.0N.csv", 8.0, [0, 1, 2, 3])], study, length=0.12, mass=0.05)
+    for words in range(40, 60):  # one of these lines is wrapped before its length
+        check = DraftCheck("a " * words + "length = 0.1 m, mass = 0.2 kg", None, ())
+        monkeypatch.setattr("pliant.study.draft.check_draft", lambda *_, check=check: check)
+        tomllib.loads(re.sub(r"(?m)^# (\w+ = )", r"\1", checked(first, study).text.partition("\nname = ")[0]))
 
 
 def test_points_in_pixels_are_tried_at_a_scale_that_fits_the_length(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def test_the_other_option_is_a_study_in_the_plane(tmp_path):
     for space in (None, True):
         assert "\nspace = true  #" in draft_study([tmp_path / "run.nc"], tmp_path / "s.toml", space=space).text
     flat = draft_study([tmp_path / "run.nc"], tmp_path / "s.toml", space=False)
-    assert "# space = true (" in flat.text
+    assert "\n# space = true  # " in flat.text
     assert "\nspace" not in flat.text
 
 

@@ -129,16 +129,19 @@ def check_values(model: Model, known: Uncertainty) -> None:
     values = dict(zip(known.names, known.mean.tolist(), strict=True))
     own, fitted = exported_parameters(model), exported_parameters(apply(model, values))
     for name, value in own.items():
-        if fitted[name].shape != value.shape or not np.allclose(fitted[name], value, rtol=SAME, atol=0.0):
+        same_shape = fitted[name].shape == value.shape
+        apart = ~np.isclose(fitted[name], value, rtol=SAME, atol=0.0) if same_shape else np.array(True)
+        if apart.any():
+            by_fit, saved = (listed(v[apart] if same_shape else v) for v in (fitted[name], value))
             raise InputError(
-                f"the fit is not that of this model: {name} is {listed(fitted[name])} by the fit and {listed(value)} "
+                f"the fit is not that of this model: {name} is {by_fit} by the fit and {saved} "
                 "in the model: export the model that was saved with this fit"
             )
 
 
 def listed(values: Array) -> str:
-    """Return numbers with four digits, separated by commas; equal ones once."""
-    return ", ".join(dict.fromkeys(f"{v:.4g}" for v in np.ravel(values)))
+    """Return numbers with eight digits, separated by commas; equal ones once."""
+    return ", ".join(dict.fromkeys(f"{v:.8g}" for v in np.ravel(values)))
 
 
 def parameter_slopes(model: Model, known: Uncertainty, steps: Array) -> dict[str, Array]:

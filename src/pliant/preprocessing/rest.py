@@ -74,8 +74,10 @@ def before_inputs(recording: xr.Dataset) -> tuple[float, float] | None:
     """
     inputs, starts = recorded_inputs(recording), []
     for channel in inputs:
-        moved = np.abs(channel.values - np.nanmedian(channel.values[:5])) > INPUT_SHARE * np.ptp(channel.values)
-        starts += [channel.time[int(np.argmax(moved))]] if moved.any() else []
+        known = np.isfinite(channel.values)
+        time, values = channel.time[known], channel.values[known]
+        moved = np.abs(values - np.median(values[:5])) > INPUT_SHARE * np.ptp(values) if known.any() else known[:0]
+        starts += [time[int(np.argmax(moved))]] if moved.any() else []
     if not inputs:
         return None
     time = recording["time"].values

@@ -97,7 +97,8 @@ def empty_markers(table: NDArray, name: str) -> list[str]:
     for marker in MARKERS:
         cells = np.abs(np.abs(table) / marker - 1.0) <= NEARLY
         if count := int(cells.sum()):
-            listed.append(f"{count} value(s) of {name} are {marker:.3g} in size, which marks a missing one: gaps")
+            listed.append(f"{count} value(s) of {name} are {marker:.3g} in size, the number by which instruments mark "
+                          "a missing value: they are gaps")
             table[cells] = np.nan
     return listed
 

@@ -16,7 +16,7 @@ from pydantic import Field
 from pliant.errors import InputError, clipped, inside
 from pliant.numerics.curve import planar_curve, spatial_curve
 from pliant.recording.clock import SECONDS, unwrapped
-from pliant.recording.column_names import is_time, parted, standard_names
+from pliant.recording.column_names import is_time, parted, pressures_named, standard_names
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
@@ -51,6 +51,8 @@ class CurvatureMapping(FileMapping):
     components : (str, str), optional
         Beginning of the names of the two components of curvature, in place of `curvature` and `direction`. They are
         the components in the directions of 0 and 90 degrees of a frame that does not twist about the body.
+    pressure_unit : str, optional
+        Unit of columns whose names say pressure and no unit.
     time_unit : {"s", "ms", "us"}, optional
         Default: the unit in the name of the time column, else seconds.
     rate_hz : float, optional
@@ -65,6 +67,7 @@ class CurvatureMapping(FileMapping):
     direction: str = "a_"
     direction_unit: Literal["deg", "rad"] = "deg"
     components: tuple[str, str] | None = None
+    pressure_unit: str | None = None
     time_unit: Literal["s", "ms", "us"] | None = None
     rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     skip_lines: int | None = Field(default=None, ge=0)
@@ -98,6 +101,9 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     used = {*columns.values(), *turning.values()}
     other_names = {k: n for k, n in enumerate(names) if k not in used and not is_time(n)}
     standard = standard_names(list(other_names.values()), path.name).names
+    if options.pressure_unit:
+        standard, named = pressures_named(standard, options.pressure_unit, path.name)
+        history += named
     pressures = {n: table[:, k] for k, n in zip(other_names, standard, strict=True) if pressure_unit(n)}
     pressure, chamber = pressures_of(pressures)
     left = [n for n, label in zip(other_names.values(), standard, strict=True) if label not in pressures]

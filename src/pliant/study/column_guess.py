@@ -211,7 +211,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
 def curved(table: PlainTable) -> TableGuess | None:
     """Return the proposal for a table of curvatures along a fibre; None for any other table."""
     mapping, questions = curvature_columns(table.names)
-    assumed = {"curvature_unit": "1/m", "arc_unit": "mm"}
+    assumed = {"curvature_unit": "1/m", "arc_unit": "mm", "direction_unit": "deg", "pressure_unit": "kPa"}
     neutral = {name: assumed[name] if name in questions else value for name, value in mapping.items()}
     return TableGuess(mapping, neutral, questions) if mapping else None
 

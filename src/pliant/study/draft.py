@@ -158,7 +158,8 @@ def checked(draft: Draft, study: str | Path) -> Draft:
         return draft
     check = check_draft(draft.text, Path(study).parent, draft.inspected)
     head, _, rest = draft.text.partition("\nname = ")
-    lines = textwrap.wrap(sentence(check), 140, break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(sentence(check), 140, subsequent_indent="  ", break_long_words=False,
+                          break_on_hyphens=False)  # an indented line is no entry once its # is removed
     text = "\n".join([head, *(f"# {line}" for line in lines)]) + f"\nname = {rest}"
     return replace(draft, text=text, check=check)
 

@@ -97,7 +97,8 @@ def why_rest(trial: Trial) -> str:
 def content_of(trial: Trial) -> list[str]:
     """Return the lines on the content of a file; none on pressures whose unit is an open question."""
     lines = trial.quality.summary().splitlines()
-    unknown = "pressure_unit" in trial.assumed or (trial.guess is not None and "pressure" in trial.guess.questions)
+    unknown = "pressure_unit" in trial.assumed or (
+        trial.guess is not None and bool({"pressure", "pressure_unit"} & set(trial.guess.questions)))
     return [line for line in lines if not (unknown and line.startswith("pressure "))]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.preprocessing.plausibility.pressure import ABSOLUTE
+from pliant.preprocessing.plausibility.pressure import ABSOLUTE, unloaded
 from pliant.preprocessing.side import alignment_of
 from pliant.study.column_guess import TableGuess
 from pliant.study.draft_inputs import LINKS, can_be_slack, input_names
@@ -49,16 +49,22 @@ def mapping_table(out: Lines, inspected: Inspected) -> None:
     level = without_load(inspected.trials)
     if asked or level is not None:
         out.table("mapping")
-    if level is not None:
-        comment = (f"the pressure reads {level / 1e3:.4g} kPa without load: {-level / 1e3:.4g} subtracts the "
-                   "atmosphere, if it is absolute; 0.0 if it is gauge pressure")
-        out.put("linear", {"pressure": {"offset": OPEN, "unit": "kPa"}}, comment)
-        out.questions.append(f"offset: {comment}")
+    ask_offset(out, level)
     if asked:
         out.say("until you state these, degrees and kPa are assumed below")
     for name, known in (("angle_unit", "deg or rad"), ("pressure_unit", "gauge: kPa, bar, mbar, psi, Pa")):
         if name in asked:
             out.ask(name, known)
+
+
+def ask_offset(out: Lines, level: float | None) -> None:
+    """Write the open offset of a pressure that seems absolute and reads `level` [Pa] without load; None: no offset."""
+    if level is None:
+        return
+    comment = (f"the pressure reads {level / 1e3:.4g} kPa without load: {-level / 1e3:.4g} subtracts the "
+               "atmosphere, if it is absolute; 0.0 if it is gauge pressure")
+    out.put("linear", {"pressure": {"offset": OPEN, "unit": "kPa"}}, comment)
+    out.questions.append(f"offset: {comment}")
 
 
 def proposed_mapping(out: Lines, inspected: Inspected, guess: TableGuess) -> None:
@@ -76,6 +82,7 @@ def proposed_mapping(out: Lines, inspected: Inspected, guess: TableGuess) -> Non
             out.ask(name, guess.questions[name], None if value == OPEN else value, guess.questions[name])
         else:
             out.put(name, value)
+    ask_offset(out, without_load(inspected.trials))
     out.questions += [f"{n}: {q}" for n, q in guess.questions.items() if guess.mapping[n] != OPEN]
     stations = guess.mapping.get("stations", {})
     out.table("mapping.stations") if stations else None
@@ -84,14 +91,24 @@ def proposed_mapping(out: Lines, inspected: Inspected, guess: TableGuess) -> Non
 
 
 def without_load(trials: Sequence[Trial]) -> float | None:
-    """Return the lowest first pressure [Pa] of recordings whose only pressure seems absolute, although nothing states
-    so; None for others.
+    """Return the lowest pressure [Pa] without load of recordings whose only pressure seems absolute, although nothing
+    states so; None for others, and where the mapping of the study has no offset to ask for.
     """
-    if any(trial.log is not None or "linear" in (trial.mapping or {}) or len(trial.chambers) > 1 for trial in trials):
+    if not all(may_be_offset(trial) for trial in trials):
         return None
     if not all(ABSOLUTE in trial.quality.doubts and "pressure" in trial.recording for trial in trials):
         return None
-    return min(float(np.median(trial.recording["pressure"].values[:5])) for trial in trials)
+    return min(unloaded(trial.recording["pressure"].values.ravel()) for trial in trials)
+
+
+def may_be_offset(trial: Trial) -> bool:
+    """Return whether a recording has one pressure, in its own file and in a known unit, that nothing shifts or scales
+    yet.
+    """
+    proposed = {} if trial.guess is None else trial.guess.mapping
+    pressure = proposed.get("pressure", {})
+    return (trial.log is None and len(trial.chambers) < 2 and "linear" not in {**(trial.mapping or {}), **proposed}
+            and pressure.get("unit") != OPEN and not {"scale", "zero"} & set(pressure))  # fmt: skip
 
 
 def actuator(
@@ -242,7 +259,7 @@ def reduction(out: Lines, trials: Sequence[Trial]) -> None:
     widest = max(trials, key=lambda trial: trial.peak_motion)
     out.put("recording", widest.name, "the recording that determines the links; it has the largest motion")
     out.put("bound_mm", 3.0, "the smallest number of links with a shape error below this in every frame is used")
-    out.propose("links", 5, "use this instead of bound_mm to set the number of links yourself")
+    out.propose("links", 5, "overrides bound_mm: the number of links as you set it")
 
 
 def selection(out: Lines, inspected: Inspected) -> None:

@@ -43,7 +43,8 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
     except InputError:
         for entries in guesses(path, stated):
             try:
-                return FirstReading(read_shape(path, {**stated, **entries}), entries)
+                assumed = FirstReading(read_shape(path, {**stated, **entries}), entries)
+                return (curved(path, stated) if "angle" in assumed.recording else None) or assumed
             except InputError:
                 continue
         if (guess := guessed_table(path, stated)) is None:
@@ -52,6 +53,8 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
     shown = shape_variable(recording)
     shape = bool(shown) or "strain" in recording
     wrong_scale = not stated and too_large(recording)
+    if shown == "angle" and (directed := curved(path, stated)):
+        return directed
     if recording.sizes.get("station") == 1 and shown == "position":
         refuse_bodies_in_rows(path, stated)
     if shape and not wrong_scale and (shown != "position" or {"pressure", "actuation", "strain"} & set(recording)):
@@ -59,6 +62,14 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
     guess = guessed_table(path, stated)
     if guess is None or (shape and not (guess.has_inputs or guess.trials or wrong_scale)) or "select" in stated:
         return FirstReading(recording, {})
+    return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
+
+
+def curved(path: Path, stated: Mapping[str, Any]) -> FirstReading | None:
+    """Return the reading of a table of curvatures whose angles are their directions; None for another file."""
+    guess = None if stated else guessed_table(path)
+    if guess is None or "direction" not in guess.mapping:
+        return None
     return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
 
 

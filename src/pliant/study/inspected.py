@@ -18,7 +18,7 @@ from pliant.recording.column_names import words_of
 from pliant.study.column_guess import guessed_table
 from pliant.study.first_reading import several, with_logs
 from pliant.study.kinds import STILL, Kind, PoseOfFile, PoseOfRow, UnrecordedPressure, WithoutCause, recognised
-from pliant.study.plates import one_body, rigid
+from pliant.study.plates import one_body, rigid, rigid_clusters
 from pliant.study.shorthand import open_entries
 from pliant.study.trial import (
     Trial,
@@ -37,6 +37,7 @@ BASE_STILL = 0.2  # of the largest displacement between files: the station that 
 LAST_NUMBER = re.compile(r"[_ .:-]*[A-Za-z]*[_ .:-]*\d+$")
 ALIKE = 0.15  # of the highest pressure: sister channels differ by less (median)
 MOST_ORDERED = 7  # stations beside the base whose orders are all compared
+CLEARER = 1.2  # by which the second-best order must differ more from another pose than the best, to be ruled out
 FEWEST_POSES = 40  # of a file whose later poses are held out
 DIVIDED, LATER = 0.8, "_later"  # fraction of such a file that trains; ending of the other part's name
 TRAINING = {"train", "training"}
@@ -190,8 +191,8 @@ def inspect_all(
 
 
 def apart_in_others(trials: Sequence[Trial]) -> list[Trial]:
-    """Return the trials with every marker as a station of its own, if each file holds one pose and the markers that
-    keep their distances in it have others in another file: they are on no rigid plate.
+    """Return the trials with the markers of a plate as stations of their own, if each file holds one pose and these
+    markers, which keep their distances in it, have others in another file: they are on no rigid plate.
     """
     first = trials[0].recording
     plates = {name: markers for trial in trials for name, markers in trial.stations.items() if len(markers) > 1}
@@ -203,8 +204,10 @@ def apart_in_others(trials: Sequence[Trial]) -> list[Trial]:
     poses = first[["position"]].isel(time=np.zeros(len(trials), int)).copy(data={"position": np.array(medians)})
     if any(trial.peak_motion > STILL * moved for trial in trials) or all(map(partial(rigid, poses), plates.values())):
         return list(trials)
-    alone = [replace(trial, stations={}) for trial in trials]
-    return [with_alignment(replace(t, options=directions(t.recording, t.quality, {}, dense=t.dense))) for t in alone]
+    stations = rigid_clusters(poses)
+    grouped = [replace(trial, stations=stations) for trial in trials]
+    return [with_alignment(replace(t, options=directions(t.recording, t.quality, stations, dense=t.dense)))
+            for t in grouped]  # fmt: skip
 
 
 def channels_of(trials: Sequence[Trial]) -> dict[str, str]:
@@ -262,9 +265,9 @@ def in_one_order(trials: Sequence[Trial]) -> list[Trial]:
     """Return recordings, each of one settled pose, with the point that stays where it is in all files as their base;
     unchanged if none does.
 
-    Stations of tables that nobody described come in one order: base first, then by their distance from it in the first
-    pose. So do those whose names differ in numbers alone, such as M1 and M2, if the numbers change places between the
-    files: the base has not the same one in all.
+    Stations of tables that nobody described come in one order: base first, then by their distance from it in the least
+    bent pose; see `orders_of`. So do those whose names differ in numbers alone, such as M1 and M2, if the numbers
+    change places between the files: the base has not the same one in all.
     """
     medians = [np.nanmedian(trial.grouped["position"].values, axis=0) for trial in trials]  # (S, 3) of each
     gaps = np.array([[np.linalg.norm(p - point, axis=1).min() for p in medians] for point in medians[0]])  # (S, files)
@@ -272,13 +275,40 @@ def in_one_order(trials: Sequence[Trial]) -> list[Trial]:
     if gaps[still].max() > BASE_STILL * gaps.max():
         return list(trials)
     base = medians[0][still]
-    first = medians[0][np.argsort(np.linalg.norm(medians[0] - base, axis=1))]
-    orders = [like_the_first(median, first) for median in medians]
+    orders, unsure = orders_of(medians, base)
     names = [tuple(trial.names) for trial in trials]
     numbered = len({*names}) == 1 and bool(one_body(names[0]))
     if numbered and len({order[0] for order in orders}) > 1 and all(trial.guess is None for trial in trials):
         trials = [described(trial) for trial in trials]
-    return [ordered(trial, order) for trial, order in zip(trials, orders, strict=True)]
+    trials = [ordered(trial, order) for trial, order in zip(trials, orders, strict=True)]
+    return with_doubt(trials, [trials[k].path.name for k in unsure]) if unsure else trials
+
+
+def orders_of(poses: Sequence[Array], base: Array) -> tuple[list[list[int]], list[int]]:
+    """Return the order of the points of each pose (S, 3) from the base, which stays at `base` (3,), and the indices of
+    the poses whose order is not sure.
+
+    The points of the pose that reaches farthest, which is bent least, come by their distances from the base. Each other
+    pose, by its reach, follows the one before it.
+    """
+    reach = [float(np.linalg.norm(points - base, axis=1).max()) for points in poses]
+    straight, *bent = sorted(range(len(poses)), key=lambda k: -reach[k])
+    orders = {straight: [int(k) for k in np.argsort(np.linalg.norm(poses[straight] - base, axis=1))]}
+    before, unsure = poses[straight][orders[straight]], []
+    for k in bent:
+        orders[k], sure = like_another(poses[k], before)
+        before = poses[k][orders[k]]
+        unsure += [] if sure else [k]
+    return [orders[k] for k in range(len(poses))], sorted(unsure)
+
+
+def with_doubt(trials: Sequence[Trial], files: Sequence[str]) -> list[Trial]:
+    """Return the trials with a question on the order of the stations in `files`; unchanged where none is proposed."""
+    question = (f"the markers of {', '.join(files)} fit two orders nearly alike, as those of a strongly bent body do: "
+                "check the columns of each station there")
+    return [trial if trial.guess is None else
+            replace(trial, guess=replace(trial.guess, questions={**trial.guess.questions, "stations": question}))
+            for trial in trials]  # fmt: skip
 
 
 def described(trial: Trial) -> Trial:
@@ -296,18 +326,20 @@ def described(trial: Trial) -> Trial:
     return replace(trial, guess=replace(guess, notes=(*guess.notes, note), mapping=mapping, neutral=neutral))
 
 
-def like_the_first(place: Array, first: Array) -> list[int]:
+def like_another(place: Array, first: Array) -> tuple[list[int], bool]:
     """Return the order of points (S, 3) in which their distances from each other are most like those of `first` (S, 3),
-    another pose of the same points. The base is where it is in the first pose.
+    another pose of the same points, and whether no other order is nearly as like. The base is where it is in `first`.
     """
     base = int(np.argmin(np.linalg.norm(place - first[0], axis=1)))
     others = [k for k in range(len(place)) if k != base]
     if len(others) > MOST_ORDERED:
-        return [base, *sorted(others, key=lambda k: float(np.linalg.norm(place[k] - first[0])))]
+        return [base, *sorted(others, key=lambda k: float(np.linalg.norm(place[k] - first[0])))], True
     wanted = np.linalg.norm(first[:, None] - first, axis=-1)
     apart = np.linalg.norm(place[:, None] - place, axis=-1)
     orders = [[base, *order] for order in permutations(others)]
-    return min(orders, key=lambda order: float(np.abs(apart[np.ix_(order, order)] - wanted).sum()))
+    unlike = [float(np.abs(apart[np.ix_(order, order)] - wanted).sum()) for order in orders]
+    best, *next_best = np.argsort(unlike)
+    return orders[best], not next_best or unlike[next_best[0]] > CLEARER * unlike[best]
 
 
 def ordered(trial: Trial, order: Sequence[int]) -> Trial:

@@ -134,7 +134,7 @@ class Trial:
     @property
     def has_scale(self) -> bool:
         """Return whether the file could be read without an assumption about its scale or units."""
-        return not self.assumed
+        return not self.assumed and (self.guess is None or "arc_unit" not in self.guess.questions)
 
     @property
     def angles_only(self) -> bool:

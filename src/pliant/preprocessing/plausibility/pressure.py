@@ -80,6 +80,14 @@ def is_absolute(values: NDArray) -> bool:
     return low > VENTED and any(ATMOSPHERE[0] <= p <= ATMOSPHERE[1] for p in (start, low))
 
 
+def unloaded(values: NDArray) -> float:
+    """Return the level [Pa] of a pressure (P,) [Pa] of P samples that seems absolute where nothing loads the body: its
+    initial value if that can be the atmosphere, else its smallest magnitude without outliers.
+    """
+    start, low, _ = ends(values[np.isfinite(values)])
+    return start if ATMOSPHERE[0] <= start <= ATMOSPHERE[1] else low
+
+
 def never_vented(values: NDArray) -> bool:
     """Return whether a pressure (P,) [Pa] of P samples never comes near 0."""
     _, low, high = ends(values)
@@ -103,8 +111,7 @@ def absolute(case: Case) -> str:
     """Return a sentence where a pressure seems to be absolute instead of gauge pressure; else ""."""
     for name, values in chambers(case):
         if is_absolute(values):
-            start, low, _ = ends(values)
-            level = start if ATMOSPHERE[0] <= start <= ATMOSPHERE[1] else low
+            level = unloaded(values)
             counts = " (or raw counts of a converter: all values are whole numbers)" if whole_counts(values) else ""
             return (
                 f"{name} reads {level / 1e3:.4g} kPa without load and never comes near 0: is it absolute{counts}? The "
