@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from pliant.identification.chamber_parameters import ALIKE_GAINS
 from pliant.identification.drives import pressures_at
+from pliant.identification.names import path_of
 from pliant.identification.prediction import compared_of
 from pliant.identification.sensitivity import sensitivities
 
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
     from pliant.model import Model
 
 Array = np.ndarray
-GAINS = (("gain_x", "gain_y"), ("axial_gain",), ("torque_1",))  # parameters that scale the effect of an input, by kind
 # Error of the model, as a fraction of the motion in training, that may pass for the effect of an input; set with
 # benchmarks/strangers.py bands
 MISTAKEN = 0.05
@@ -71,20 +72,15 @@ def beyond_inputs(
     """
     ranges = input_ranges(fitted.model, training)
     excess = {n: r.excess(np.asarray(exp.drives[n](exp.time))) for n, r in ranges.items() if n in exp.drives}
-    spreads = {n: s for n, s in gain_spreads(fitted, ranges).items() if owner_of(n) in excess and
-               excess[owner_of(n)].any()}  # fmt: skip
+    spreads = {n: spread for n, spread in gain_spreads(fitted, ranges).items()
+               if np.any(excess.get(path_of(n).owner, 0.0))}  # fmt: skip
     variance = np.zeros((exp.time.size, len(exp.stations), len(exp.axes)))
     if not spreads:
         return variance
     rows, slopes = sensitivities(fitted.model, exp, values, spreads, time_step)
     for slope, (name, spread) in zip(compared_of(exp, slopes, rows), spreads.items(), strict=True):
-        variance += (spread * excess[owner_of(name)][:, None, None] * slope) ** 2
+        variance += (spread * excess[path_of(name).owner][:, None, None] * slope) ** 2
     return variance
-
-
-def owner_of(name: str) -> str:
-    """Return the input or recording to which a parameter belongs, such as left for ``left.torque_1``."""
-    return name.partition(".")[0] if "." in name else ""
 
 
 def gain_spreads(fitted: FitResult, ranges: Mapping[str, InputRange]) -> dict[str, float]:
@@ -92,11 +88,11 @@ def gain_spreads(fitted: FitResult, ranges: Mapping[str, InputRange]) -> dict[st
     of the largest gain of their kind.
     """
     spreads = dict[str, float]()
-    for kind in GAINS:
+    for kind in ALIKE_GAINS:
         free = {p.name: float(p.value or 0.0) for p in fitted.parameters
-                if p.free and owner_of(p.name) in ranges and p.name.partition(".")[2] in kind}  # fmt: skip
-        sizes = [np.linalg.norm([v for n, v in free.items() if owner_of(n) == owner]) for owner in ranges]
-        spreads |= {n: float(max(sizes)) * ranges[owner_of(n)].doubt for n in free}
+                if p.free and path_of(p.name).owner in ranges and path_of(p.name).own in kind}  # fmt: skip
+        sizes = [np.linalg.norm([v for n, v in free.items() if path_of(n).owner == owner]) for owner in ranges]
+        spreads |= {n: float(max(sizes)) * ranges[path_of(n).owner].doubt for n in free}
     return {n: spread for n, spread in spreads.items() if spread > 0}
 
 

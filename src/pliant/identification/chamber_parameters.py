@@ -17,6 +17,8 @@ from pliant.model.torque_law import laid_torque, torque_laws
 
 Array = np.ndarray
 GAINS = ("gain", "gain_x", "gain_y", "joint_gain", "cross_gain")
+OF_ONE_SIGN = ("axial_gain",)  # pressure lengthens
+ALIKE_GAINS = (("gain_x", "gain_y"), OF_ONE_SIGN, ("torque_1",))  # of inputs, by kind: of one size in a body
 OF_CHAMBERS = (CHAMBER, TENDON, VALVE, INPUT_MEANS, LAW)
 OWN = tuple(name for name, row in declarations().items() if row.part in OF_CHAMBERS)
 

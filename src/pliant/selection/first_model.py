@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.identification.chamber_parameters import has_effect, prefixes
+from pliant.identification.chamber_parameters import ALIKE_GAINS, OF_ONE_SIGN, has_effect, prefixes
 from pliant.identification.drives import pressures_at
 from pliant.identification.experiment import Experiment
 from pliant.identification.names import path_of
@@ -23,8 +23,6 @@ from pliant.selection.terms import Term
 Entry = Parameter | str
 HARDLY = 0.2  # of the range of the input that moves most: an input that moves less hardly moves
 BESIDE = 0.1  # of the length: farther from the axis than a marker on a body lies
-OF_ONE_SIGN = ("axial_gain",)  # pressure lengthens
-ALIKE = (("gain_x", "gain_y"), OF_ONE_SIGN, ("torque_1",))  # parameters of inputs that have one size in a body
 STILL, LEAST_MOVED = 0.005, 0.05  # of that: an input that moves less never moves; has a prior as close as this
 LEAST_SCATTER = 1.0  # of the mean: standard deviation of alike gains, at least
 
@@ -133,7 +131,7 @@ def with_alike(parent: FittedModel, setting: FitSetting) -> FittedModel:
     """
     priors: dict[str, GainPrior] = {}
     still = hardly_moving(parent.model, setting.experiments)
-    for kind in ALIKE:
+    for kind in ALIKE_GAINS:
         values, doubts = dict[str, list[float]](), dict[str, float]()
         for p in parent.problem.free:
             owner, _, parameter = p.name.rpartition(".")

@@ -60,12 +60,8 @@ def first_choice(search: RunningSearch, parent: FittedModel, term: Term) -> tupl
     best = next((p for p in search.ranked(parent, chosen)[0] if not p.term.extension), None)
     if best is None or best.term is term:
         return None
-    gone = {*best.term.replaces, *(p.name for p in best.term.adds)}
-    others, model = [p for p in parent.parameters if p.name not in gone], search.model(best.term)
-    starts = [[*others, *best.term.begun(best.row, values)] for values in best.starts()]
     try:
-        start = search.setting.cheapest(model, starts, search.best.problem.size)
-        return search.refitted(model, start, roughly=True), best.term
+        return search.joined_roughly(parent, best), best.term
     except PliantError:
         return None
 

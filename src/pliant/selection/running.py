@@ -32,6 +32,7 @@ Array = np.ndarray
 Notify = Callable[[str], None]
 MOST_OTHERS = 8  # models that are kept during the search, of which some are rivals in the end
 ROUGH, ROUGH_EVALUATIONS = 1e-3, 12  # relative change of the cost, and evaluations, at which a trial of a term stops
+SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converged
 WHITE = 0.7  # of the number of residuals: as many independent ones show no error of the model
 RESERVE = 0.15  # of the time: kept for the last fit
 FEWEST_EVALUATIONS = 3  # of a fit, however little time is left
@@ -149,7 +150,12 @@ class RunningSearch:
     @property
     def late(self) -> bool:
         """Return whether the time that is left is needed for the last fit."""
-        return clock.monotonic() > self.deadline - RESERVE * self.allowed
+        return self.time_left < 0.0
+
+    @property
+    def time_left(self) -> float:
+        """Return the time [s] that is left until the last fit."""
+        return self.deadline - RESERVE * self.allowed - clock.monotonic()
 
     def open_terms(self, parent: FittedModel, chosen: Sequence[Term]) -> list[Term]:
         """Return the terms that may join the fit `parent`, which has the terms `chosen`."""
@@ -183,13 +189,26 @@ class RunningSearch:
         """Return how many evaluations a fit may take: at most `most`, and no more than the time left allows, of which a
         part is kept for the `last` fit.
         """
-        left = self.deadline - clock.monotonic() - (0.0 if last else RESERVE * self.allowed)
+        left = self.time_left + (RESERVE * self.allowed if last else 0.0)
         return most if self.pace == 0.0 else int(np.clip(left / self.pace, FEWEST_EVALUATIONS, most))
 
     def refitted(self, model: Model, parameters: Sequence[Parameter], *, roughly: bool = False) -> FittedModel:
         """Return the fit of a model from its start values; `roughly`, with the evaluations that a comparison needs."""
         limits = (ROUGH_EVALUATIONS, ROUGH) if roughly else (EVALUATIONS, TOLERANCE)
         return self.timed(model, parameters, self.best.problem.size, *limits)
+
+    def joined_roughly(self, parent: FittedModel, proposal: TermProposal) -> FittedModel:
+        """Return the rough fit of a parent with the term of a proposal, from the start value that costs least; if its
+        cost stays above that of the parent, the better one of this and of a fit from values nearly without effect.
+        """
+        term = proposal.term
+        gone = {*term.replaces, *(p.name for p in term.adds)}
+        others, model = [p for p in parent.parameters if p.name not in gone], self.model(term)
+        starts = [[*others, *term.begun(proposal.row, values)] for values in proposal.starts()]
+        fit = self.refitted(model, self.setting.cheapest(model, starts, self.best.problem.size), roughly=True)
+        if fit.cost <= (1 + SAME) * parent.cost:
+            return fit
+        return min(fit, self.refitted(model, starts[-1], roughly=True), key=lambda end: end.cost)
 
     def rough_fits(self, model: Model, starts: Iterable[Sequence[Parameter]]) -> list[FittedModel]:
         """Return the rough fits of a model from several start values; fewer if it cannot be simulated or the time is
@@ -204,8 +223,7 @@ class RunningSearch:
 
     def has_time_for(self, fits: int) -> bool:
         """Return whether a number of rough fits takes less than half of the time that is left."""
-        left = self.deadline - RESERVE * self.allowed - clock.monotonic()
-        return fits * ROUGH_EVALUATIONS * self.pace < 0.5 * left
+        return fits * ROUGH_EVALUATIONS * self.pace < 0.5 * self.time_left
 
     @property
     def white(self) -> bool:

@@ -25,7 +25,7 @@ from pliant.selection.fitted import (
 )
 from pliant.selection.restart import from_each_row, restarted
 from pliant.selection.result import ModelSelection, TriedTerm
-from pliant.selection.running import RunningSearch
+from pliant.selection.running import SAME, RunningSearch
 from pliant.selection.screen import TermProposal
 from pliant.selection.terms import Term
 
@@ -33,7 +33,6 @@ Array = np.ndarray
 MUCH = 0.1  # of the criterion: a smaller gain does not keep a term that is not determined
 REFITS = 3  # terms that are fitted in each step, those with the best screens
 MOST_REFITS = 6  # of them while none helps: a screen underestimates terms that act nonlinearly, such as friction
-SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converged
 LAST_EVALUATIONS = 60
 OUT_OF_TIME = "the time limit was reached: raise minutes to go on"
 NO_BETTER = "no further term lowers the squared error of left-out parts by 3 %"
@@ -133,15 +132,8 @@ class Search(RunningSearch):
         was tried.
         """
         term, trial = proposal.term, TriedTerm(proposal.term.name, proposal.term.title, proposal.cost)
-        gone = {*term.replaces, *(p.name for p in term.adds)}
-        others, model = [p for p in self.best.parameters if p.name not in gone], self.model(term)
-        starts = [[*others, *term.begun(proposal.row, values)] for values in proposal.starts()]
         try:
-            start = self.setting.cheapest(model, starts, self.best.problem.size)
-            best = self.refitted(model, start, roughly=True)
-            if best.cost > (1 + SAME) * self.best.cost:
-                again = self.refitted(model, starts[-1], roughly=True)
-                best = min(best, again, key=lambda end: end.cost)
+            best = self.joined_roughly(self.best, proposal)
         except PliantError as error:
             return None, trial._replace(reason=str(error))
         score = self.scored(best)
