@@ -24,7 +24,7 @@ from harness import parser_of
 
 from pliant.errors import PliantError
 from pliant.identification import Experiment, Parameter, fit, predict_held_out
-from pliant.identification.prediction_bands import TrainingResiduals, prediction_band
+from pliant.identification.prediction_bands import TrainingResiduals
 from pliant.model import Chamber, Model, Station, chain_model
 from pliant.selection.criterion import DETERMINED
 from pliant.simulation import Trace
@@ -211,8 +211,7 @@ def coverage(seed: int, case: Case) -> list[float]:
     for row in case.held_out:
         exp = recordings[row]
         predicted, refit = predict_held_out(exp, result)
-        band = prediction_band(exp, result, noise=left.noise(exp, predicted["compared"]), own=refit, training=train,
-                               reach=left.reach())  # fmt: skip
+        band = left.band(exp, result, predicted["compared"], refit)
         parts.append(100.0 * band.holds(exp.compared))
     return parts
 

@@ -13,7 +13,7 @@ from benchmark_scripts import loaded
 
 from pliant.identification import Experiment, FitResult, Parameter, fit, predict, predict_held_out
 from pliant.identification.beyond_inputs import MISTAKEN, InputRange, beyond_inputs, gain_spreads, input_ranges
-from pliant.identification.prediction_bands import TrainingResiduals, noise_like, prediction_band
+from pliant.identification.prediction_bands import TrainingResiduals, noise_like
 from pliant.model import Chamber, Model, Station, chain_model
 from pliant.simulation import Trace
 from pliant.study.forecast import tip_lacks
@@ -52,9 +52,7 @@ def coverage(exp: Experiment, result: FitResult, train: list[Experiment]) -> flo
     """The fraction of a predicted recording within its 95 % band."""
     left = TrainingResiduals.of(train, result)
     predicted, refit = predict_held_out(exp, result)
-    band = prediction_band(exp, result, noise=left.noise(exp, predicted["compared"]), own=refit, training=train,
-                           reach=left.reach())  # fmt: skip
-    return band.holds(exp.compared)
+    return left.band(exp, result, predicted["compared"], refit).holds(exp.compared)
 
 
 def test_the_doubt_of_a_gain_is_an_error_of_the_motion_over_the_part_of_its_input():

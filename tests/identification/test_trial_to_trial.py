@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from pliant.identification import Experiment, FitResult, fit, predict, prediction_band, residual_reach
-from pliant.identification.prediction_bands import TRIAL_GAIN
+from pliant.identification.prediction_bands import TRIAL_GAIN, TrainingResiduals
 from pliant.model import Model, Valve
 
 STEP = 2e-3
@@ -80,3 +81,31 @@ def test_the_scatter_of_three_recordings_widens_the_band_of_a_fourth(clean: tupl
     unscattered = replace(found, covariance=found.covariance._replace(between=None))
     mean_only = prediction_band(exp, unscattered, training=trials, noise=1e-4)
     assert wide.std.max() > 1.15 * mean_only.std.max()
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
+def test_bands_hold_recordings_that_rest_beside_the_model(clean: tuple[Model, Experiment], count: int) -> None:
+    """Errors at rest of normal distribution, of which a fit takes the mean: their difference over the standard
+    deviation of a few is distributed as Student's t.
+    """
+    exp = clean[1].thinned(10)
+    rng, rows, normal = np.random.default_rng(5), exp.position, 1.959964
+    held, before = [], []
+    for _ in range(300):
+        rests = 1e-3 * rng.standard_normal((count + 1, 1, *rows.shape[1:]))
+        rests -= rests[:-1].mean(axis=0)
+        train = [replace(exp, name=f"t{k}", position=rows - rest) for k, rest in enumerate(rests[:-1])]
+        left = TrainingResiduals(train, [rows] * count, "metre")
+        noise = left.noise(exp, rows)
+        held.append(np.mean(np.abs(rests[-1]) <= normal * np.hypot(noise, left.rest_spread(exp.stations))))
+        before.append(np.mean(np.abs(rests[-1]) <= normal * noise))
+    larger = (t.ppf(0.975, 3 * (count - 1)) / normal) ** 2
+    reach = normal * np.sqrt((1 - 1 / count + 2 / count * larger) / (1 + 1 / count))
+    assert np.mean(held) == pytest.approx(2 * t.cdf(reach, count - 1) - 1, abs=0.03)
+    assert np.mean(before) < np.mean(held) - 0.03
+
+
+def test_one_recording_shows_no_scatter_of_rests(clean: tuple[Model, Experiment]) -> None:
+    _, exp = clean
+    left = TrainingResiduals([exp], [exp.position + 1e-3], "metre")
+    np.testing.assert_array_equal(left.rest_spread(exp.stations), 0.0)

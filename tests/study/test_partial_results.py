@@ -127,7 +127,7 @@ def test_a_band_that_cannot_be_computed_leaves_the_prediction(
     def fail(*_: Any, **__: Any) -> Any:
         raise error
 
-    monkeypatch.setattr("pliant.study.fits.prediction_band", fail)
+    monkeypatch.setattr("pliant.identification.prediction_bands.prediction_band", fail)
     outcome = run_study(load_study(write_study(tmp_path, study_of(good=FIT))), tmp_path / "out")
     (record,) = (r for r in outcome.fits[0].records if r.role == "held_out")
     assert record.band is None

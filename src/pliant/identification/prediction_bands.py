@@ -14,7 +14,7 @@ from pliant.errors import InputError
 from pliant.failures import FAILED
 from pliant.identification.beyond_inputs import beyond_inputs
 from pliant.identification.discrepancy import discrepancy, speed
-from pliant.identification.experiment import Experiment, farthest
+from pliant.identification.experiment import FIRST_FRAMES, Experiment, farthest
 from pliant.identification.fit import predict_held_out
 from pliant.identification.prediction import compared_of, predict
 from pliant.identification.result import FitResult
@@ -26,6 +26,7 @@ Array = np.ndarray
 LEAST_SQUARE = 0.1  # of the mean squared residual: least expected square at any time
 REACH = (1.5, 3.0)  # standard deviations, least and most, for 95 % of the residuals
 TRIAL_GAIN = 0.02  # standard deviation of a gain from trial to trial, which one recording does not show
+AT_REST = 3  # independent values in the errors at rest of one recording, by all stations
 LEAST_VARIANCE = 1e-6  # of the largest variance of scaled parameters: smaller ones are neglected
 
 
@@ -201,6 +202,45 @@ class TrainingResiduals:
         Errors of a model that lacks something are bounded, and reach less far than normal ones of the same size.
         """
         return float(np.clip(np.quantile(self.errors, level), *REACH))
+
+    def band(
+        self, experiment: Experiment, fitted: FitResult, modelled: Float[Array, "T S k"], own: FitResult, *,
+        time_step: float | None = None, level: float = 0.95,
+    ) -> Band:
+        """Return the prediction interval of a recording that a fit to the training recordings predicts as `modelled`
+        [m; angles: rad]. `own` is the fit of its own parameters, from `predict_held_out`.
+        """
+        band = prediction_band(experiment, fitted, time_step=time_step, level=level, own=own, training=self.train,
+                               noise=self.noise(experiment, modelled), reach=self.reach(level))  # fmt: skip
+        return band.widened(self.rest_spread(experiment.stations, level))
+
+    def rest_spread(self, stations: Sequence[str], level: float = 0.95) -> Float[Array, "S k"]:
+        """Return the standard deviation [m; angles: rad] of the rest of a new recording at S stations beyond that in
+        `noise`.
+
+        Every recording begins beside the model by an error of its own, such as that of its fibre or of its tracker. A
+        fit to K recordings takes the mean of these errors into its parameters. A new recording scatters about it with
+        1 + 1 / K times their variance, of which the residuals of the training recordings contain 1 - 1 / K. Since few
+        recordings show this variance badly, the result is larger by the quotient of the quantiles of Student's t and
+        of the normal distribution at `level`. It is 0 for a single recording, which shows no scatter.
+        """
+        from scipy.stats import t
+
+        rests: dict[str, list[Array]] = {}
+        for exp, rows in zip(self.train, self.motions, strict=True):
+            for name, left in zip(exp.stations, np.moveaxis(rows - exp.compared, 1, 0), strict=True):
+                first = left[np.isfinite(left).all(axis=1)][:FIRST_FRAMES]
+                if len(first):
+                    rests.setdefault(name, []).append(np.median(first, axis=0))
+        quantile = 0.5 + 0.5 * level
+        variances = {
+            name: (t.ppf(quantile, AT_REST * (len(r) - 1)) / NormalDist().inv_cdf(quantile)) ** 2
+            * 2.0 / len(r) * np.var(r, axis=0, ddof=1) for name, r in rests.items() if len(r) > 1
+        }  # fmt: skip
+        if not variances:
+            return np.zeros((len(stations), len(self.train[0].axes)))
+        usual: Array = np.mean(list(variances.values()), axis=0)
+        return np.sqrt([variances.get(name, usual) for name in stations])
 
     def noise(self, experiment: Experiment, modelled: Float[Array, "T S k"]) -> Float[Array, "T S k"]:
         """Return the standard deviation of a prediction's residuals at T times and S stations: (T, S, 2 or 3) [m], or

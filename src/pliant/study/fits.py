@@ -21,7 +21,6 @@ from pliant.identification import (
     fit,
     predict,
     predict_held_out,
-    prediction_band,
 )
 from pliant.identification.fit import parameters_from
 from pliant.identification.nested import parents
@@ -235,8 +234,6 @@ def band_of(
     left: TrainingResiduals, result: FitResult, record: RecordOutcome, refit: FitResult, time_step: float,
 ) -> Band:
     """Return the 95 % band of a prediction, from the parameters' uncertainty and the training residuals `left`."""
-    exp = record.experiment
-    band = prediction_band(exp, result, time_step=time_step, noise=left.noise(exp, record.modelled), own=refit,
-                           training=left.train, reach=left.reach())  # fmt: skip
+    band = left.band(record.experiment, result, record.modelled, refit, time_step=time_step)
     finite(band.std, "the width of the band")
     return band
