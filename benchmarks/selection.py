@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,10 @@ from pliant.recording.netcdf import write_netcdf
 from pliant.selection import select_model, terms_for
 from pliant.simulation import Trace, simulate
 from pliant.study import Study, demo_study, load_study, run_study
+from pliant.study.prepare import all_aligned
 from pliant.study.schema import SelectionEntry
 from pliant.testbed import family_member, generate
+from pliant.testbed.family import member
 from pliant.validation.outcome import StudyOutcome
 from pliant.validation.wording import sized
 
@@ -61,8 +64,22 @@ def virtual(name: str, folder: Path) -> Study:
     return study.model_copy(update={"folder": str(folder), "recordings": recordings, **changes})
 
 
-def show(name: str, outcome: StudyOutcome, began: float) -> None:
-    """Print the chosen terms, and the errors of every fit on the held-out recordings."""
+def bias_errors(name: str, study: Study) -> dict[str, float]:
+    """Return the RMS error [% of length] of the shape in each recording that is due to the bias of its fibre."""
+    who, shapes = member(name), []
+    with tempfile.TemporaryDirectory() as folder:
+        for record in study.recordings:
+            clean = generate(record, replace(who, fibre=replace(who.fibre, bias=0.0)), seed=1)
+            write_netcdf(clean.recording, Path(folder) / f"{record}.nc")
+        for where in (study.folder, folder):
+            aligned = all_aligned(study.model_copy(update={"folder": where}))
+            shapes.append({n: a.body["position"].values for n, a in aligned.items()})
+    off = {n: np.sum((shape - shapes[1][n]) ** 2, axis=-1) for n, shape in shapes[0].items()}
+    return {n: 100.0 / study.actuator.length * float(np.sqrt(np.nanmean(e))) for n, e in off.items()}
+
+
+def show(name: str, outcome: StudyOutcome, bias: dict[str, float], began: float) -> None:
+    """Print the chosen terms, and the errors of every fit on the held-out recordings beside those of the fibre."""
     assert outcome.model_selection is not None
     print(f"{name}: {', '.join(outcome.model_selection.terms) or 'no term'}; {time.process_time() - began:.0f} s CPU")
     for fit in outcome.fits:
@@ -70,7 +87,8 @@ def show(name: str, outcome: StudyOutcome, began: float) -> None:
             m = r.metrics
             band = f", {m['within_band_percent']:.0f} % within its band" if r.band is not None else ""
             print(f"  {fit.title[:40]:40} {r.name:10} {m['rmse_percent_of_travel']:6.2f} % of the peak displacement, "
-                  f"{m['rmse_percent_of_length']:5.2f} % of length{band}", flush=True)
+                  f"{m['rmse_percent_of_length']:5.2f} % of length{band}; bias of the fibre "
+                  f"{bias[r.name]:.2f} %", flush=True)
 
 
 def spatial(file: str | Path = SPATIAL, *names: str) -> None:
@@ -156,7 +174,8 @@ def main(what: str, names: list[str]) -> None:
     for name in names or ["a", "b", "c", "901", "902", "903", "904"] if what == "bodies" else ():
         began = time.process_time()
         with tempfile.TemporaryDirectory() as folder:
-            show(name, chosen(virtual(name, Path(folder))), began)
+            study = virtual(name, Path(folder))
+            show(name, chosen(study), bias_errors(name, study), began)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ def seen(model: Model, name: str, level: float, seed: int) -> Experiment:
     trace = Trace([0.1, 0.13, 1.0, 1.03], [0.0, level, level, 0.0])
     path = simulate(model, trace, times=TIMES, time_step=5e-4)["station_position"].values
     path = path + NOISE * np.random.default_rng(seed).normal(size=path.shape)
-    return Experiment(name, TIMES, path, ("tip",), "trace", trace)
+    return Experiment(name, TIMES, path, tuple(p.name for p in model.points), "trace", trace)
 
 
 def two(model: Model, seed: int = 1) -> list[Experiment]:
@@ -309,3 +309,19 @@ def test_a_fit_that_fails_while_it_converges_leaves_the_search_as_it_was(monkeyp
     assert fits == ["a", "b"]
     assert search.steps[-1].tried[0].reason == "cannot be simulated"
     assert search.score == 1.0
+
+
+def test_stiffnesses_of_joints_join_a_model_whose_scale_no_recording_shows():
+    """An over-damped body shows the ratio of its joints, and a prior keeps their mean near the stiffness of the
+    beginning.
+    """
+    stations = (Station("middle", 0, 0.06), Station("tip", 1, 0.06))
+    body = chain(stations=stations, stiffness=np.array([0.3, 0.9]), damping=0.1 * np.array([0.3, 0.9]))
+    train, given = two(body), GIVEN.with_(stations=stations)
+    found = select_model(train, given, terms=terms_for(given, train, only=["joints"]))
+    assert "stiffness" not in found.steps[0].free
+    assert found.terms == ("joints",)
+    values = found.result.values
+    assert values["stiffness_2"] / values["stiffness_1"] == pytest.approx(3.0, rel=0.03)
+    priors = {p.name: p.prior for p in found.result.parameters if p.free and p.prior_std}
+    assert priors.keys() == {"stiffness_1", "stiffness_2"}

@@ -162,10 +162,11 @@ class RunningSearch:
         names = {name for t in chosen for name in (t.name, *t.includes)}
         groups = {t.group for t in chosen if t.group}
         parameters, free = {p.name for p in parent.parameters} - {"stiffness"}, set(parent.free)
+        held = {p.name: p.value for p in parent.parameters if not p.free and p.value and p.name not in self.stated}
         return [
-            t for t in (*self.terms, *scale_of(parent.parameters, self.stated))
+            t.about(held) for t in (*self.terms, *scale_of(parent.parameters, self.stated))
             if t.name not in names | self.dropped and t.group not in groups and (not t.needs or t.needs in names)
-            and set(t.replaces) <= free and not any(p.name in parameters for p in t.adds if p.free)
+            and set(t.replaces) <= free | set(held) and not any(p.name in parameters for p in t.adds if p.free)
         ]  # fmt: skip
 
     def ranked(self, parent: FittedModel, chosen: Sequence[Term]) -> tuple[list[TermProposal], list[TriedTerm]]:

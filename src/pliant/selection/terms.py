@@ -96,6 +96,16 @@ class Term(NamedTuple):
         """Return the model, with the segment that lengthens if the term needs one."""
         return model if self.extension is None else model.with_(extensions=(self.extension,))
 
+    def about(self, held: Mapping[str, float]) -> Term:
+        """Return the term with priors about the parameters that it replaces, if these are `held` (SI): their scale,
+        which no recording shows, then stays. The priors are as close as its parameters otherwise are to their mean.
+        """
+        value = next((held[name] for name in self.replaces if name in held), None)
+        if value is None:
+            return self
+        return self._replace(adds=tuple(
+            p.with_(shrink=0.0, prior=self.null[p.name] * value, prior_std=p.shrink * value) for p in self.adds))
+
     def at_null(self, row: Mapping[str, float], values: Mapping[str, float]) -> list[Parameter]:
         """Return the term's parameters where it has no effect on a model with the parameter `values` (SI), for one row
         of the grid. Those with an entry in `null` are free, the others are held.
