@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,13 +14,13 @@ from pliant.identification import Experiment, Parameter, fit
 from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Model, Station, chain_model
 from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms_for
-from pliant.selection.first_model import beginning
+from pliant.selection.first_model import beginning, determined
 from pliant.selection.fitted import FitSetting, fitted
 from pliant.selection.restart import restarted
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal
 from pliant.selection.search import Search
-from pliant.simulation import Trace, simulate
+from pliant.simulation import Trace, modes, simulate
 
 TIMES = np.arange(0.0, 2.0, 0.02)
 NOISE = 2e-5  # m
@@ -325,3 +326,31 @@ def test_stiffnesses_of_joints_join_a_model_whose_scale_no_recording_shows():
     assert values["stiffness_2"] / values["stiffness_1"] == pytest.approx(3.0, rel=0.03)
     priors = {p.name: p.prior for p in found.result.parameters if p.free and p.prior_std}
     assert priors.keys() == {"stiffness_1", "stiffness_2"}
+
+
+def test_pulses_of_nominal_pressure_show_the_curvature_of_the_torque_law():
+    """Their pressure begins at 0, whether it was measured or not."""
+    measured = two(chain())
+    nominal = [replace(e, excitation="pulse", pressure=None, level=level)
+               for e, level in zip(measured, (5e4, 1e5), strict=True)]  # fmt: skip
+    laws = {"torque_2", "torque_3", "wall"}
+    for train in (measured, nominal):
+        assert laws <= {t.name for t in terms_for(GIVEN, train)}
+    held = Trace([0.0, 2.0], [1e5, 1e5])
+    above = [replace(e, pressure=held) for e in measured]
+    assert not laws & {t.name for t in terms_for(GIVEN, above)}
+
+
+@pytest.mark.parametrize("far", [1e2, 1e4, 1e7])
+def test_a_stiffness_that_no_recording_shows_is_held_where_inertia_hardly_shows(far):
+    """Along the valley of equal ratios any stiffness fits, and the first fit may end at 1e7 times the true one."""
+    train = two(chain(stiffness=np.full(2, 0.5), damping=np.full(2, 0.05)))
+    setting = FitSetting(tuple(train), 2e-3, "travel", "linear")
+    start = [Parameter(n, far * v) for n, v in (("stiffness", 0.5), ("damping", 0.05), ("torque_1", 6e-7))]
+    parent = determined(fitted(setting, GIVEN, start, evaluations=0), setting)
+    values = parent.values
+    assert parent.free == ("damping", "torque_1")
+    assert values["damping"] / values["stiffness"] == pytest.approx(0.1, rel=0.01)
+    assert values["torque_1"] / values["stiffness"] == pytest.approx(1.2e-6, rel=0.01)
+    body = GIVEN.with_(stiffness=values["stiffness"])
+    assert 10.0 <= 2 * np.pi * modes(body)[0][0] * 0.1 < 15.0

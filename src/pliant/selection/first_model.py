@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from pliant.errors import SimulationError
 from pliant.identification.chamber_parameters import ALIKE_GAINS, OF_ONE_SIGN, has_effect, prefixes
 from pliant.identification.drives import pressures_at
 from pliant.identification.experiment import Experiment
@@ -19,8 +21,14 @@ from pliant.model.parts import STATION
 from pliant.selection.criterion import DETERMINED
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.terms import Term
+from pliant.simulation.state import equilibrium, modal
 
+Array = np.ndarray
 Entry = Parameter | str
+OVER_DAMPED = 2.0  # angular frequency of the first mode times the time constant, at least: the body is over-damped
+QUASI_STATIC = 10.0  # the same, from which on no recording shows the inertia
+FAR = 0.1  # that stiffness over the one that a fit found, at most: the fit ran along its valley
+MOST_DOUBLINGS = 60
 HARDLY = 0.2  # of the range of the input that moves most: an input that moves less hardly moves
 BESIDE = 0.1  # of the length: farther from the axis than a marker on a body lies
 STILL, LEAST_MOVED = 0.005, 0.05  # of that: an input that moves less never moves; has a prior as close as this
@@ -80,12 +88,52 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
     errors, value = parent.standard_errors, parent.values.get("stiffness", 0.0)
     fixed = {name: "held: no effect on these recordings" for name, error in errors.items() if error is None}
     error = errors.get("stiffness", 0.0)
-    if error is not None and error > DETERMINED * value:
+    if error is None:  # so far along the valley that rounding hides the others too
+        fixed = {"stiffness": "held: the recordings show its ratio to torque and damping alone"}
+    elif error > DETERMINED * value:
         fixed["stiffness"] = f"held: the recordings show only {value:.3g} +- {error:.2g}"
     if not fixed or not {p.name for p in parent.problem.free} - set(fixed):
         return parent  # a fit needs a free parameter
-    parameters = [replace(p, free=False, source=fixed[p.name]) if p.name in fixed else p for p in parent.parameters]
+    parameters = softened(parent) if "stiffness" in fixed else parent.parameters
+    parameters = [replace(p, free=False, source=fixed[p.name]) if p.name in fixed else p for p in parameters]
     return fitted(setting, parent.model, parameters, prior_weight=parent.problem.size)
+
+
+def softened(parent: FittedModel) -> list[Parameter]:
+    """Return the parameters of a fit that does not determine the stiffness, with stiffness, damping and torques in the
+    same ratios on the least scale at which inertia no longer shows, if theirs is far above it. A fit leaves this scale
+    wherever it ended in a flat valley, up to stiffnesses that no body has.
+    """
+    stiffness, damping = (parent.values.get(name, 0.0) for name in ("stiffness", "damping"))
+    if stiffness <= 0 or damping <= 0:
+        return list(parent.parameters)
+    factor = least_stiffness(parent.model, damping / stiffness, QUASI_STATIC) / stiffness
+    if factor > FAR:
+        return list(parent.parameters)
+    scaled = {"stiffness", "damping", *(name for kind in ALIKE_GAINS if kind != OF_ONE_SIGN for name in kind)}
+    return [replace(p, value=p.value * factor) if p.value and path_of(p.name).own in scaled else p
+            for p in parent.parameters]  # fmt: skip
+
+
+def first_mode(model: Model) -> tuple[float, Array]:
+    """Return angular frequency [rad/s] and mass-normalised shape (N,) of the lowest mode without inputs."""
+    omega, shapes, _ = modal(model, *mechanics_of(model).linear_parts(equilibrium(model)))
+    return float(omega[0]), shapes[:, 0]
+
+
+def least_stiffness(model: Model, constant: float, quickness: float = OVER_DAMPED) -> float:
+    """Return the least stiffness [N m/rad] of joints, no softer than gravity, with which the angular frequency of the
+    first mode times the time constant [s] of its slow motion reaches `quickness`; by default that of an over-damped
+    body.
+    """
+    weight = float(model.link_mass.sum() * np.linalg.norm(model.gravity)) * model.length / 2.0
+    stiffness = max(weight * model.n, 1e-9)
+    for _ in range(MOST_DOUBLINGS):
+        with suppress(SimulationError):
+            if first_mode(model.with_(stiffness=stiffness))[0] * constant >= quickness:
+                break
+        stiffness *= 2.0
+    return stiffness
 
 
 def scale_of(parameters: Sequence[Parameter], stated: Container[str]) -> list[Term]:

@@ -8,13 +8,11 @@ and the places of markers in seconds, and the lag gives the damping; a fit of th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
 
-from pliant.errors import SimulationError
 from pliant.identification.chamber_parameters import prefixes
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import fit_step
@@ -25,11 +23,10 @@ from pliant.identification.starts import AtRest
 from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import Model
 from pliant.selection.criterion import MATERIAL, parts_of, score_of
-from pliant.selection.first_model import Entry, beginning, with_alike, with_places
+from pliant.selection.first_model import Entry, beginning, first_mode, least_stiffness, with_alike, with_places
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.terms import Term
 from pliant.simulation import Pulse, Trace
-from pliant.simulation.state import equilibrium, modal
 
 Array = np.ndarray
 CONSTANTS, RINGS = 20, 10  # time constants, and frequencies of a damped oscillation, that are tried
@@ -39,10 +36,8 @@ NO_WORSE = 1.02  # error behind one lag over that behind a damped oscillation, a
 GAIN = 0.98  # error behind one lag over that without any, at most
 FRAMES = 40  # settled shapes of each recording
 STATIC_EVALUATIONS = 30
-OVER_DAMPED = 2.0  # angular frequency of the first mode times the time constant, at least: the body is over-damped
 TURNED = 0.1  # rad, typical rotation of a joint under the highest input
 SMALL = 1e-3  # of that, at the start
-MOST_DOUBLINGS = 60
 
 
 def time_constant(train: Sequence[Experiment], names: Sequence[str]) -> float | None:
@@ -287,26 +282,6 @@ def first_parameters(model: Model, train: Sequence[Experiment], common: Sequence
     """Return the parameters of the first model, those of joints one for each joint."""
     listed = [Parameter(e) if isinstance(e, str) else e for e in beginning(model, train, common)]
     return each_joint(listed, model.n)
-
-
-def first_mode(model: Model) -> tuple[float, Array]:
-    """Return angular frequency [rad/s] and mass-normalised shape (N,) of the lowest mode without inputs."""
-    omega, shapes, _ = modal(model, *mechanics_of(model).linear_parts(equilibrium(model)))
-    return float(omega[0]), shapes[:, 0]
-
-
-def least_stiffness(model: Model, constant: float) -> float:
-    """Return the least stiffness [N m/rad] of joints with which the body is over-damped if its slow motion has the time
-    constant [s], and no softer than gravity.
-    """
-    weight = float(model.link_mass.sum() * np.linalg.norm(model.gravity)) * model.length / 2.0
-    stiffness = max(weight * model.n, 1e-9)
-    for _ in range(MOST_DOUBLINGS):
-        with suppress(SimulationError):
-            if first_mode(model.with_(stiffness=stiffness))[0] * constant >= OVER_DAMPED:
-                break
-        stiffness *= 2.0
-    return stiffness
 
 
 def joint_damping(model: Model, constant: float) -> float:

@@ -306,11 +306,13 @@ def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
 
 
 def shows_curvature(chamber: ActuationInput, driven: Sequence[Experiment]) -> bool:
-    """Return whether the recordings can show the curvature of an input's torque law: its measured values come down to
-    half of the highest one, in frames that are compared. Otherwise differences between recordings would pass for it.
+    """Return whether the recordings can show the curvature of an input's torque law: its values come down to half of
+    the highest one, in frames that are compared. Otherwise differences between recordings would pass for it. A pulse or
+    a step whose pressure was not measured begins at 0.
     """
     values = [np.abs(trace(e.time[np.isfinite(e.compared).any(axis=(1, 2))]))
               for e in driven if (trace := e.driving(chamber.name)) is not None]  # fmt: skip
+    values += [np.array([0.0, abs(e.level)]) for e in driven if e.excitation in ("pulse", "step")]
     highest = max((v.max(initial=0.0) for v in values), default=0.0)
     return highest > 0.0 and min(float(v.min(initial=np.inf)) for v in values) <= WIDE * highest
 

@@ -15,6 +15,7 @@ from pliant.errors import InputError
 from pliant.files import output_folder
 from pliant.options import with_defaults
 from pliant.study.another_day import Robot, adapted_fits, learning_of, signs_of
+from pliant.study.body import reduced_recording
 from pliant.study.run import PreparedStudy, prepare_all, write_outcome
 from pliant.study.schema import SPREAD, AdaptEntry, Recording, Study, day_names, load_study
 from pliant.study.verdict import headline, verdict
@@ -154,7 +155,7 @@ def new_recordings(
 
 def study_of_day(study: Study, new: Mapping[str, Recording]) -> Study:
     """Return the study that reads the new recordings, and the one that fixes the axes or the links of all."""
-    first = (study.reduction and study.reduction.recording) or next(iter(study.recordings))
+    first = reduced_recording(study) if study.reduction else next(iter(study.recordings))
     return study.model_copy(update={
         "recordings": {first: study.recordings[first], **new}, "fits": {}, "model_selection": None, "forecasts": {},
         "wiring": None, "adapt": [],

@@ -309,6 +309,12 @@ def training(study: Study) -> list[str]:
     return list(dict.fromkeys(names))
 
 
+def reduced_recording(study: Study) -> str:
+    """Return the name of the recording whose shape determines the links: the stated one, or the first of training."""
+    stated = study.reduction.recording if study.reduction else None
+    return stated or next(iter(training(study) or study.recordings))
+
+
 def with_azimuths(
     study: Study, experiments: Mapping[str, Experiment], notify: Callable[[str], None],
 ) -> ActuatorEntry:

@@ -133,7 +133,7 @@ def draft_study(
     elif not first.angles_only:
         alignment(out, first)
     if first.dense:
-        reduction(out, trials)
+        reduction(out, inspected)
     inputs(out, inspected)
     recordings(out, inspected, Path(study).parent, level)
     selection(out, inspected)

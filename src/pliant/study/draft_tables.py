@@ -253,11 +253,13 @@ def alignment(out: Lines, trial: Trial) -> None:
                   if line.startswith(("aligned", "out of plane", "the plane is", "the base moved"))])
 
 
-def reduction(out: Lines, trials: Sequence[Trial]) -> None:
+def reduction(out: Lines, inspected: Inspected) -> None:
     """Write the [reduction] table, by which a dense shape is approximated by links."""
     out.table("reduction")
-    widest = max(trials, key=lambda trial: trial.peak_motion)
-    out.put("recording", widest.name, "the recording that determines the links; it has the largest motion")
+    training = inspected.training()
+    widest = max((t for t in inspected.trials if t.name in training), key=lambda trial: trial.peak_motion)
+    out.put("recording", widest.name, "the recording that determines the links; of those of training it has the "
+            "largest motion")  # fmt: skip
     out.put("bound_mm", 3.0, "the smallest number of links with a shape error below this in every frame is used")
     out.propose("links", 5, "overrides bound_mm: the number of links as you set it")
 

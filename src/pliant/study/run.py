@@ -27,7 +27,7 @@ from pliant.selection.saved import SearchFile
 from pliant.study.aligned import Aligned
 from pliant.study.another_day import run_days, signs_of
 from pliant.study.baselines import with_baselines
-from pliant.study.body import study_model, with_azimuths
+from pliant.study.body import reduced_recording, study_model, training, with_azimuths
 from pliant.study.body_tables import ActuatorEntry
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import model_warnings, recording_warnings, term_warnings, unit_warning_first
@@ -127,11 +127,23 @@ def run_study(
 
 
 def fit_warnings(study: Study, fits: Sequence[FitOutcome], ready: PreparedStudy) -> tuple[str, ...]:
-    """Return warnings about implausible models, and about terms of fits that their recordings do not determine."""
+    """Return warnings about implausible models, about terms of fits that their recordings do not determine, and about
+    links that a recording determines which no fit may see.
+    """
     stated = [(f.title, f.result, [ready.experiments[r] for r in study.fits[f.name].train])
               for f in fits if f.name in study.fits]  # fmt: skip
     models = [(f.title, f.result.model) for f in fits]
-    return *model_warnings(models, study.actuator), *term_warnings(stated, ready.model)
+    return *reduction_warnings(study), *model_warnings(models, study.actuator), *term_warnings(stated, ready.model)
+
+
+def reduction_warnings(study: Study) -> tuple[str, ...]:
+    """Return a warning if the links come from a recording that is held out."""
+    trained = training(study)
+    if study.reduction is None or not trained or (name := reduced_recording(study)) in trained:
+        return ()
+    line = (f"the links, and with them the shape at rest, come from {name}, which no fit uses for training: its "
+            "prediction is not blind. Name a training recording in [reduction].")  # fmt: skip
+    return (line,)
 
 
 @contextmanager
@@ -232,7 +244,7 @@ def assembled(study: Study, aligned: Mapping[str, Aligned], doubts: tuple[str, .
     """Build the experiments and the model of the study from its recordings in the base frame."""
     shape = None
     if study.reduction:
-        name = study.reduction.recording or next(iter(aligned))
+        name = reduced_recording(study)
         shape = shape_of(name, aligned[name].body, aligned[name].tip, study.reduction)
         notify(f"order from {name}: {shape.order.reason} The chain has {shape.links.n} links.")
     experiments, provenance = {}, {}

@@ -85,7 +85,8 @@ class Reduction(StudyEntry):
     """The approximation of a shape, recorded at many points along the body, by a chain of links."""
 
     recording: str | None = Field(
-        None, description="recording whose shape is used, by default the first: choose the one with the largest bend")
+        None, description=("recording whose shape is used, by default the first of training: choose the one with the "
+                           "largest bend"))
     links: int | None = Field(
         None, ge=1, le=64, description="number of links, if you choose it; by default the lowest within the bound")
     bound_mm: float = Field(
