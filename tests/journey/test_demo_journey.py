@@ -44,9 +44,10 @@ def test_each_simpler_fit_predicts_worse(demo):
     errors = [{r.name: r.metrics["rmse_mm"] for r in fit.records} for fit in demo[0].fits]
     assert [fit.name for fit in demo[0].fits] == ["model_selection", "softening", "linear"]
     assert demo[0].fits[1].result.values["stiffening"] < -0.2
+    held_out = {r.name for r in demo[0].fits[0].records if r.role == "held_out"}
     for close, far in pairwise(errors):
         for name, error in close.items():
-            assert error < 0.65 * far[name], name
+            assert error < (0.6 if name in held_out else 0.75) * far[name], name
 
 
 def test_the_demo_chooses_its_terms_from_the_training_pulses(demo):
@@ -100,5 +101,5 @@ def test_everything_is_written(demo):
     assert (folder / "report.html").stat().st_size < 1_500_000
     metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     MetricsFile.model_validate(metrics)
-    assert metrics["order"]["chosen"] == 3
+    assert metrics["order"]["chosen"] == 2  # of the training pulse that bends most; the step of 240 kPa needs 3
     assert outcome.verdict[0] in (folder / "report.html").read_text(encoding="utf-8").replace("&#39;", "'")
