@@ -173,7 +173,8 @@ class RunningSearch:
         """Return the best proposal of each term that may join the fit `parent`, the most promising first, and the terms
         that cannot be screened or whose screen ends at a bound.
 
-        The rank is the criterion that the screen predicts.
+        The rank is the criterion that the screen predicts. Terms on a held scale come last: where the scale is far off,
+        they stand for it.
         """
         proposals, refused = screened(parent, self.model(), self.open_terms(parent, chosen), self.setting, self.parts)
         trials = {r.term.name: TriedTerm(r.term.name, r.term.title, reason=f"cannot be screened: {r.reason}")
@@ -184,7 +185,7 @@ class RunningSearch:
                 best.setdefault(p.term.name, p)
         trials |= {p.term.name: TriedTerm(p.term.name, p.term.title, reason="its value would lie beyond its bounds")
                    for p in proposals if p.term.name not in best}
-        return list(best.values()), list(trials.values())
+        return sorted(best.values(), key=lambda p: p.term.on_held_scale), list(trials.values())
 
     def affordable(self, most: int, *, last: bool = False) -> int:
         """Return how many evaluations a fit may take: at most `most`, and no more than the time left allows, of which a

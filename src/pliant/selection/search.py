@@ -93,12 +93,13 @@ class Search(RunningSearch):
         children: Sequence[tuple[float, FittedModel, TermProposal]],
     ) -> TermProposal | None:
         """Return the next proposal to fit; None if enough terms were `tried`, if one of the `children` is better than
-        the rest promise, or if the time is over.
+        the rest promise, or if the time is over. Terms on a held scale are tried if no other term helps.
         """
-        if self.late or len(tried) >= (REFITS if children else MOST_REFITS):
+        if self.late or (children and len(tried) >= REFITS):
             return None
         groups = {p.term.group for p in proposals if p.term.name in tried and p.term.group}
-        left = (p for p in proposals if p.term.name not in tried and p.term.group not in groups)
+        left = (p for p in proposals if p.term.name not in tried and p.term.group not in groups
+                and (not children if p.term.on_held_scale else len(tried) < MOST_REFITS))  # fmt: skip
         best = min((score for score, _, _ in children), default=np.inf)
         return next((p for p in left if p.score <= best), None)
 

@@ -96,6 +96,11 @@ class Term(NamedTuple):
         """Return the model, with the segment that lengthens if the term needs one."""
         return model if self.extension is None else model.with_(extensions=(self.extension,))
 
+    @property
+    def on_held_scale(self) -> bool:
+        """Return whether the term replaces a parameter whose scale no recording shows (see `about`)."""
+        return bool(self.replaces) and all(p.prior_std for p in self.adds)
+
     def about(self, held: Mapping[str, float]) -> Term:
         """Return the term with priors about the parameters that it replaces, if these are `held` (SI): their scale,
         which no recording shows, then stays. The priors are as close as its parameters otherwise are to their mean.
@@ -328,7 +333,7 @@ def torque_laws(start: str, chamber: ActuationInput, highest: float) -> Iterator
         limit, time = f"{start}inflation_limit", f"{start}inflation_time"
         yield term("wall", start, [Parameter(limit, 2.0 * highest), Parameter(time, 0.05)], {}, group=group,
                    grid=tuple({limit: f * highest, time: t} for f in (1.5, 4.0) for t in (0.02, 0.2)))
-        yield term("bounded_wall", start, [Parameter(f"{start}inflation_jm", 20.0)], {}, needs=f"{start}wall",
+        yield term("bounded_wall", start, [held(f"{start}inflation_jm", 20.0)], {}, needs=f"{start}wall",
                    grid=tuple({f"{start}inflation_jm": v} for v in (20.0, 60.0)))
     yield branch("swell", start, f"{start}swell_share", f"{start}swell_time", (0.1, 0.5, 2.0), needs=f"{start}torque_2")
 
