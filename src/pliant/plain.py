@@ -14,7 +14,8 @@ R = TypeVar("R")
 
 def field_names(kind: Any) -> tuple[str, ...]:
     """Return the names of the fields of a dataclass or named tuple, class or instance; () for anything else."""
-    return tuple(f.name for f in fields(kind)) if is_dataclass(kind) else getattr(kind, "_fields", ())
+    names: tuple[str, ...] = getattr(kind, "_fields", ())
+    return tuple(f.name for f in fields(kind)) if is_dataclass(kind) else names
 
 
 def plain(value: Any, but: Collection[str] = ()) -> Any:
