@@ -19,7 +19,6 @@ from pliant.compiler import cache
 SOURCE = Path(pliant.__file__).parent
 PUBLIC = {"numba", "numba.extending"}
 NAMES = {
-    "numba.core": {"cgutils"},
     "numba.core.caching": {"CompileResultCacheImpl", "FunctionCache", "IndexDataCacheFile", "_CacheLocator"},
     "numba.core.codegen": {"JITCodeLibrary"},
     "numba.core.compiler": {"Compiler"},
@@ -27,8 +26,6 @@ NAMES = {
     "numba.core.registry": {"cpu_target"},
     "numba.core.runtime.nrt": {"rtsys"},
     "numba.core.typeconv.castgraph": {"Conversion"},
-    "numba.misc.appdirs": {"AppDirs"},
-    "numba.np.arrayobj": {"populate_array"},
 }
 METHODS = {  # of Numba's classes, called or overridden
     ("numba.core.caching", "FunctionCache"): {

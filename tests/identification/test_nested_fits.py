@@ -101,7 +101,7 @@ def test_an_end_above_the_start_from_a_smaller_fit_is_searched_again_and_measure
         return np.array([x[0] - 1.0, 2.0])
 
     problem: Any = SimpleNamespace(
-        residual=residual, jacobian=lambda _x: np.array([[1.0], [0.0]]), free=[SimpleNamespace(name="x")],
+        residual=residual, jacobian=lambda _x: np.array([[1.0], [0.0]]), free=[SimpleNamespace(name="damping")],
         bounds=(np.array([-9.0]), np.array([9.0])), weighting="travel", unit=1.0, model=SimpleNamespace(space=None),
     )
     end: Any = SimpleNamespace(cost=9.0, x=np.array([4.0]))

@@ -25,7 +25,7 @@ def two_bowls() -> Any:
 
     bounds = (np.array([-9.0]), np.array([9.0]))
     return SimpleNamespace(
-        residual=residual, jacobian=jacobian, free=[SimpleNamespace(name="x")], bounds=bounds, weighting="travel",
+        residual=residual, jacobian=jacobian, free=[SimpleNamespace(name="damping")], bounds=bounds, weighting="travel",
         unit=1.0, evaluations=0, asked=asked, model=SimpleNamespace(space=None),
     )
 

@@ -136,7 +136,7 @@ def test_the_wiring_that_moves_the_body_is_named_and_a_wrong_one_is_warned_of(fo
     winner, other = outcome.wirings.rows
     assert winner.name == "left = b, right = a"
     assert other.name == "as stated"
-    assert winner.percent < 0.5 < 5.0 < other.percent
+    assert winner.train_percent < 0.5 < 5.0 < other.train_percent
     assert other.behind > 100.0
     assert any("check which pressure drives which chamber" in line for line in outcome.headline.warnings)
     assert outcome.wirings.sentence in outcome.verdict

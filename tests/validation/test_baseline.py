@@ -26,7 +26,7 @@ from pliant.validation.baseline import (
 from pliant.validation.figures import comparison_figure, record_figure
 from pliant.validation.map_inputs import InputTable
 from pliant.validation.metrics import compare
-from pliant.validation.outcome import Baseline, FitOutcome, RecordOutcome, Role, StudyOutcome, in_recorded_axes
+from pliant.validation.outcome import FitOutcome, RecordOutcome, Role, StudyOutcome, in_recorded_axes
 from pliant.validation.plain_map import plain_map
 from pliant.validation.store import load_outcome, save_results
 from pliant.validation.wording import digits
@@ -146,7 +146,6 @@ def test_the_map_survives_metrics_and_results(tmp_path) -> None:
     loaded = load_outcome(tmp_path)
     assert loaded.fits[0].baseline == fit.baseline
     np.testing.assert_array_equal(loaded.fits[0].records[1].baseline, fit.records[1].baseline)
-    assert Baseline.from_dict(None) is None
 
 
 def test_the_map_is_turned_with_the_recording() -> None:

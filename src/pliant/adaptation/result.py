@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 from pliant.display import Card, Shown
 from pliant.identification.fit import FitResult
+from pliant.plain import by_name, plain, record_of, records_of
 
 Verdict = Literal["same arm", "re-mounted", "changed body", "another arm", "another of the kind"]
 FAR = 4.0  # standard deviations: a larger move of a parameter of the body is a change of the body
@@ -104,9 +105,7 @@ class Adaptation(Shown):
         unit, factor = self.result.shown_in
         errors = {e.name: {"role": e.role, f"before_{unit}": factor * e.before, f"after_{unit}": factor * e.after,
                            f"travel_{unit}": factor * e.travel} for e in self.errors}  # fmt: skip
-        rows = {m.name: {k: v for k, v in m._asdict().items() if k != "name"} for m in self.moves}
-        return {"verdict": self.verdict, "sentence": self.sentence, "changed": list(self.changed),
-                "seconds": self.seconds, "moves": rows, "errors": errors}
+        return {**plain(self, but=("result",)), "moves": by_name(self.moves), "errors": errors}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], result: FitResult) -> Adaptation:
@@ -114,9 +113,8 @@ class Adaptation(Shown):
         unit, factor = result.shown_in
         errors = tuple(DayError(n, e["role"], *(e[f"{k}_{unit}"] / factor for k in ("before", "after", "travel")))
                        for n, e in content["errors"].items())  # fmt: skip
-        plain = {f.name: content[f.name] for f in fields(cls) if f.name in ("verdict", "sentence", "seconds")}
-        moves = tuple(Move(n, **m) for n, m in content["moves"].items())
-        return cls(changed=tuple(content["changed"]), moves=moves, errors=errors, result=result, **plain)
+        moves = records_of(Move, content["moves"])
+        return record_of(cls, {**content, "moves": moves, "errors": errors, "result": result})
 
     def card(self) -> Card:
         """Return a display card: verdict, errors before and after, and the table of moves."""

@@ -10,12 +10,11 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
 from pliant.compiler import machine_code
 from pliant.compiler.cache import kept
-from pliant.compiler.llvm import LlvmWriter
+from pliant.compiler.llvm import LlvmWriter, declared
 from pliant.compiler.trace import kept_by, passed, record, shapes_of
 from pliant.compiler.twin import fingerprint
 
@@ -64,7 +63,8 @@ class Arguments:
         key: Any = ir.Constant(WORD, seed)
         for kind, value in self.values(builder, given):
             if isinstance(kind, types.Array):
-                for size in cgutils.unpack_tuple(builder, array_of(context, builder, kind, value).shape):
+                shape = array_of(context, builder, kind, value).shape
+                for size in (builder.extract_value(shape, k) for k in range(kind.ndim)):
                     key = builder.mul(builder.xor(key, size), ir.Constant(WORD, machine_code.PRIME))
         return key
 
@@ -91,7 +91,7 @@ def addressed(kernel: FunctionType, seeds: dict[str, int]) -> Any:
         def generate(context: Any, builder: Any, _sig: Any, values: Any) -> Any:
             entry = arguments.entry(context, builder, values[0], seeds[KINDS[str(arguments.number)]])
             kind = ir.FunctionType(WORD, [WORD])
-            finder = cgutils.get_or_insert_function(builder.module, kind, machine_code.FINDER)
+            finder = declared(builder.module, kind, machine_code.FINDER)
             finder.attributes.update(PURE)
             return builder.call(finder, [entry])
 

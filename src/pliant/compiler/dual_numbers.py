@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numba import types
-from numba.core import cgutils
 from numba.extending import (
     intrinsic,
     lower_builtin,
@@ -25,6 +24,7 @@ from numba.extending import (
     type_callable,
 )
 
+from pliant.compiler.llvm import filled
 from pliant.compiler.simd import NUMBERS, Wide, vector
 from pliant.compiler.width import SLOTS
 from pliant.numerics.trig import cos_sin
@@ -62,9 +62,7 @@ def parts(context: Any, builder: Any, kind: Any, value: Any) -> tuple[Any, Any]:
 
 
 def _made(context: Any, builder: Any, real: Any, slopes: Any) -> Any:
-    proxy = cgutils.create_struct_proxy(dual)(context, builder)
-    proxy.real, proxy.slopes = real, slopes
-    return proxy._getvalue()  # noqa: SLF001  Numba's own way
+    return filled(context.get_value_type(dual), (real, slopes), builder)
 
 
 @intrinsic

@@ -38,7 +38,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.runtime.nrt import rtsys
-from numba.misc.appdirs import AppDirs
+from platformdirs import user_cache_dir
 
 from pliant.compiler.kernel_files import evict, mark_used
 
@@ -52,7 +52,7 @@ ENVIRONMENT = "_ZN08NumbaEnv"  # how Numba's names of pointers to a function's e
 @cache
 def folder() -> Path | None:
     """Return the folder for this user's compiled kernels, created if absent; None if it cannot be written."""
-    path = Path(config.CACHE_DIR or AppDirs(appname="pliant", appauthor=False).user_cache_dir)
+    path = Path(config.CACHE_DIR or user_cache_dir("pliant", appauthor=False))
     path = path / f"kernels-checked-numba{numba.__version__}-llvmlite{llvmlite.__version__}"
     try:
         path.mkdir(parents=True, exist_ok=True)

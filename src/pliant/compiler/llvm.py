@@ -7,6 +7,7 @@ dual numbers (`duals`).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,19 @@ LANES = ir.VectorType(DOUBLE, WIDTH)
 PARTS: dict[str, list[Any]] = {"float": [DOUBLE], "vector": [LANES], "dual": [DOUBLE, LANES]}  # of a number
 CONTRACT = ("contract",)  # a multiplication and the addition of its result may be one instruction with one rounding
 ALIGN = 8 * WIDTH  # bytes, of vectors in memory
+
+
+def declared(module: Any, kind: Any, name: str) -> Any:
+    """Return the function `name` of the LLVM type `kind` in an LLVM module, declared there if it is not yet."""
+    return module.globals.get(name) or ir.Function(module, kind, name)
+
+
+def filled(kind: Any, parts: Iterable[Any], builder: Any) -> Any:
+    """Return an LLVM value of a structure or array type `kind` with the given parts."""
+    value = ir.Constant(kind, ir.Undefined)
+    for k, part in enumerate(parts):
+        value = builder.insert_value(value, part, k)
+    return value
 
 
 class Number(NamedTuple):

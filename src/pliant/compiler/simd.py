@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
+from functools import reduce
 from math import prod
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.core.typeconv.castgraph import Conversion
 from numba.extending import (
     intrinsic,
@@ -27,8 +27,8 @@ from numba.extending import (
     register_model,
     type_callable,
 )
-from numba.np.arrayobj import populate_array
 
+from pliant.compiler.llvm import declared, filled
 from pliant.compiler.width import WIDTH
 from pliant.numerics.trig import cos_sin
 
@@ -105,7 +105,7 @@ _define(operator.neg, "fneg", 1)
 
 def _vector_function(builder: Any, name: str, x: Any) -> Any:
     kind = ir.FunctionType(_DOUBLES, [_DOUBLES])
-    return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f64"), [x])
+    return builder.call(declared(builder.module, kind, f"llvm.{name}.v{WIDTH}f64"), [x])
 
 
 def _unary(name: str) -> Any:
@@ -184,13 +184,12 @@ def rows_as_numbers(context: Any, builder: Any, array: Any, result: Any, value: 
     """Return a float array (..., k) as an array (...) of the Numba type `result`, whose numbers are k floats."""
     source = context.make_array(array)(context, builder, value)
     wide = context.make_array(result)(context, builder)
-    shape, strides = (cgutils.unpack_tuple(builder, part)[:-1] for part in (source.shape, source.strides))
-    populate_array(
-        wide, data=builder.bitcast(source.data, wide.data.type), shape=cgutils.pack_array(builder, shape),
-        strides=cgutils.pack_array(builder, strides),
-        itemsize=context.get_constant(types.intp, result.dtype.bitwidth // 8), meminfo=source.meminfo,
-        parent=source.parent,
-    )
+    shape, strides = ([builder.extract_value(part, k) for k in range(result.ndim)]
+                      for part in (source.shape, source.strides))
+    wide.meminfo, wide.parent, wide.data = source.meminfo, source.parent, builder.bitcast(source.data, wide.data.type)
+    wide.shape, wide.strides = (filled(wide.shape.type, part, builder) for part in (shape, strides))
+    wide.itemsize = context.get_constant(types.intp, result.dtype.bitwidth // 8)
+    wide.nitems = reduce(builder.mul, shape, context.get_constant(types.intp, 1))
     return wide._getvalue()  # noqa: SLF001  Numba's own way
 
 

@@ -21,6 +21,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.features import missing, named
 from pliant.model.file import model_of
+from pliant.plain import plain
 from pliant.plugins import offered
 from pliant.text import escaped, identifiers, listed
 from pliant.units import in_words
@@ -184,10 +185,8 @@ class Exported(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result of an export as plain values, for JSON."""
-        return {
-            "target": self.target, "files": [str(f) for f in self.files], "left_out": list(self.left_out),
-            "difference": self.difference.to_dict() if self.difference else None, "notes": list(self.notes),
-        }
+        difference = self.difference.to_dict() if self.difference else None
+        return {**plain(self), "files": [str(f) for f in self.files], "difference": difference}
 
 
 def exporters() -> dict[str, Exporter]:

@@ -14,6 +14,7 @@ from pliant.identification.prediction import compared_of
 from pliant.identification.result import FitResult
 from pliant.identification.sensitivity import sensitivities
 from pliant.model import Model
+from pliant.plain import plain
 from pliant.simulation import Chirp, Pulse, Trace, modes, simulate
 from pliant.simulation.inputs import Input
 from pliant.units import in_words, input_words, shown_in
@@ -74,9 +75,7 @@ class Design:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the experiment design as a dictionary of plain numbers and strings for JSON."""
-        rows = [{"words": p.words, "weakest": p.weakest, "volume": p.volume, "std": p.std} for p in self.proposals]
-        now = {"weakest": self.now.weakest, "volume": self.now.volume, "std": self.now.std}
-        return {"now": now, "direction": list(self.direction), "proposals": rows, "refused": list(self.refused)}
+        return {**plain(self), "now": plain(self.now, but=("words",))}
 
 
 def design(

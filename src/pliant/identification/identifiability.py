@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.errors import PliantError
-from pliant.identification.chamber_parameters import ALIKE_GAINS
 from pliant.identification.drives import findings_of_chambers
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import fit_step
 from pliant.identification.initial_guess import prepare
+from pliant.identification.names import path_of
 from pliant.identification.parameters import Parameter, kind_of, shared_name, values_of
 from pliant.identification.part_parameters import RATIOS
 from pliant.identification.problem import Problem
@@ -26,8 +25,6 @@ from pliant.shapes import Float
 Array = np.ndarray
 WEAK = 0.5  # expected standard error, in sizes of the parameter, above which a direction is weak
 UNSURE = 0.1  # standard error of a common scale, relative to it, from which a fit names it
-SPRINGS = ("stiffness", "body_stiffness", "axial_stiffness")
-SCALED = ("gain", *chain(*ALIKE_GAINS))  # parameters of inputs that have a common scale with the springs
 TAKES_PART = 0.03  # of the largest entry of a direction
 FIX_FIRST = (  # what a user most likely knows, or can do without
     "mass", "valve_dead_time", "gain", "tip_mass", "base_x", "base_y", "along", "across", "gravity_angle", "rest_angle",
@@ -302,10 +299,11 @@ def common_scale(problem: Problem, x: Array, found: Covariance) -> list[str]:
     """
     if problem.model.gravity.any() or any(e.forces for e in problem.experiments):
         return []
-    stems = [shared_name(p.name).rpartition(".")[2] for p in problem.free]
+    paths = [path_of(p.name) for p in problem.free]
+    scaled = ["" if p.quantity.per == "power" and p.number > 1 else p.quantity.scales for p in paths]
     value = x * problem.scale
-    part = [i for i, stem in enumerate(stems) if stem in SPRINGS + SCALED and not found.hidden[i] and value[i] != 0.0]
-    if not {stems[i] for i in part} & set(SPRINGS) or not {stems[i] for i in part} & set(SCALED):
+    part = [i for i, what in enumerate(scaled) if what and not found.hidden[i] and value[i] != 0.0]
+    if {scaled[i] for i in part} != {"springs", "inputs"}:
         return []
     C = found.total[np.ix_(part, part)] / np.outer(value[part], value[part])
     pairs = np.diag(C)[:, None] + np.diag(C) - 2.0 * C  # variances of ratios

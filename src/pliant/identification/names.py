@@ -22,22 +22,26 @@ class OfTheBody(NamedTuple):
     """Quantities that stand for several fields of the whole body."""
 
     body_stiffness: Annotated[float, Quantity(
-        "N m/rad", "stiffness of the first joint; others and EA in proportion", lower=1e-9)]
+        "N m/rad", "stiffness of the first joint; others and EA in proportion", lower=1e-9, scales="springs")]
     joint_share: Annotated[float, Quantity(
-        "1", "position of a joint in its segment, 0 at base", lower=0.0, upper=0.99, scale=0.1)]
+        "1", "position of a joint in its segment, 0 at base", lower=0.0, upper=0.99, scale=0.1, only="in a plane")]
     gravity_angle: Annotated[float, Quantity(
-        "rad", "angle of gravity from the base tangent", lower=-6.3, upper=6.3, scale=0.05)]
+        "rad", "angle of gravity from the base tangent", lower=-6.3, upper=6.3, scale=0.05, only="in a plane")]
     gravity_x: Annotated[float, Quantity("m/s^2", "gravity in the base frame, x", scale=0.5)]
     gravity_y: Annotated[float, Quantity("m/s^2", "gravity in the base frame, y", scale=0.5)]
-    gravity_z: Annotated[float, Quantity("m/s^2", "gravity in the base frame, z, in space", scale=0.5)]
+    gravity_z: Annotated[float, Quantity(
+        "m/s^2", "gravity in the base frame, z, in space", scale=0.5, only="in space")]
 
 
 class OfAnInput(NamedTuple):
     """Means of the gains of an input at all joints."""
 
-    gain: Annotated[float, Quantity("1", "mean of the joints' gains: a factor on the whole torque law", scale=1.0)]
-    gain_x: Annotated[float, Quantity("1", "mean factor on the torque about x, in space", scale=0.3)]
-    gain_y: Annotated[float, Quantity("1", "mean factor on the torque about y, in space", scale=0.3)]
+    gain: Annotated[float, Quantity(
+        "1", "mean of the joints' gains: a factor on the whole torque law", scale=1.0, scales="inputs")]
+    gain_x: Annotated[float, Quantity(
+        "1", "mean factor on the torque about x, in space", scale=0.3, scales="inputs", only="in space")]
+    gain_y: Annotated[float, Quantity(
+        "1", "mean factor on the torque about y, in space", scale=0.3, scales="inputs", only="in space")]
 
 
 class OfARecording(NamedTuple):
@@ -45,7 +49,8 @@ class OfARecording(NamedTuple):
 
     base_x: Annotated[float, Quantity("m", "offset of the recording's frame, x", scale=1e-3, guess=0.0)]
     base_y: Annotated[float, Quantity("m", "offset of the recording's frame, y", scale=1e-3, guess=0.0)]
-    base_z: Annotated[float, Quantity("m", "offset of the recording's frame, z, in space", scale=1e-3, guess=0.0)]
+    base_z: Annotated[float, Quantity(
+        "m", "offset of the recording's frame, z, in space", scale=1e-3, guess=0.0, only="in space")]
     start: Annotated[float, Quantity(
         "s", "when the pulse begins, or the pressure clock's offset", scale=0.01, guess=0.0)]
     stop: Annotated[float, Quantity("s", "when the pulse ends", scale=0.01)]
@@ -55,7 +60,8 @@ class OfARecording(NamedTuple):
     release_time: Annotated[float, Quantity(
         "s", "time that the hand takes to let go", lower=0.0, upper=0.2, scale=0.01, guess=0.04)]
     base_turn: Annotated[float, Quantity(
-        "rad", "turn of a clamp that yields at release", lower=-0.2, upper=0.2, scale=0.01, guess=0.0)]
+        "rad", "turn of a clamp that yields at release", lower=-0.2, upper=0.2, scale=0.01, guess=0.0,
+        only="in a plane")]
     hold_force: Annotated[float, Quantity(
         "N", "force at the tip, along x, that holds the body before its release", scale=0.05, guess=0.0)]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pliant.identification.names import stem_of
+from pliant.identification.parameters import kind_of
 from pliant.identification.problem import Problem
 
 if TYPE_CHECKING:  # an optimiser is imported when one runs
@@ -16,9 +16,6 @@ if TYPE_CHECKING:  # an optimiser is imported when one runs
 Array = np.ndarray
 ROBUST_FROM = 0.01  # of the peak displacement: residual above which a robust loss limits its weight
 ROBUST_SIGMAS = 3.0  # the same in standard deviations of the noise
-SHARES = ("creep_share", "payne_share")
-BY_FACTORS = ("stiffness", "stiffness_ratio", "axial_stiffness", "line_stiffness", "creep_time", "axial_creep_time",
-              "payne_angle")
 ON_BOUND = 1e-9  # in scales: distance from a bound that counts as none
 FAR_BOUND = 7.0  # in a logarithm: bounds a factor of a thousand from the start are dropped
 SAME = 1e-4  # of the least cost: tolerance within which a start is taken to reach the same minimum
@@ -119,23 +116,17 @@ def shifts(problem: Problem) -> Array:
     K (1 + share) alone; with Payne's curve, small oscillations do. The valley of K and share is curved, and becomes
     straight in log K and log (1 + share).
     """
-    kinds = [stem_of(p.name) for p in problem.free]
-    shift = np.full(len(kinds), np.nan)
     if problem.model.space is None and not shares(problem):
-        return shift
-    for k, kind in enumerate(kinds):
-        if kind in SHARES:
-            shift[k] = 1.0 / problem.scale[k]
-        elif kind in BY_FACTORS:
-            shift[k] = 0.0
-    return shift
+        return np.full(len(problem.free), np.nan)
+    offsets = np.array([kind_of(p.name).log_offset for p in problem.free], dtype=float)
+    return np.asarray(offsets / problem.scale)
 
 
 def shares(problem: Problem) -> bool:
     """Return whether any free parameter states the stiffness of creep or of Payne's curve as a fraction of the joints'
     stiffness.
     """
-    return any(stem_of(p.name) in SHARES for p in problem.free)
+    return any(kind_of(p.name).log_offset for p in problem.free)
 
 
 def runs_into(found: OptimizeResult, x: Array, cost: float) -> bool:

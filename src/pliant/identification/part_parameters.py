@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.identification.chamber_parameters import owners
 from pliant.identification.names import path_of, paths
-from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
+from pliant.mechanics import mechanics_of
 from pliant.model import Extension, Memory, Model, Space
 from pliant.model.features import named
 from pliant.model.memory import branches
@@ -25,8 +25,6 @@ OWN = fitted(SEGMENT)  # name in a fit: field
 ALWAYS = {name: field for name, field in OWN.items() if quantities(Extension)[field].start is None}
 LAYOUTS = {part.prefix.removesuffix("_"): part for part in (SPRINGPOT, PAYNE)}  # laws that set all branches of a kind
 RATIOS = tuple(name for name in scalars(Space) if name in fitted(SPACE))
-PLANAR: tuple[str, ...] = ("rest_angle", "gravity_angle", "base_angle", "base_turn", "joint_share")
-IN_SPACE: tuple[str, ...] = ("base_z", "gravity_z", "gain_x", "gain_y", "cross_gain", "aside")
 
 
 def segments(model: Model) -> tuple[str, ...]:
@@ -145,31 +143,6 @@ def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     return {"memory": replace(model.memory, **entries)} if entries else {}
 
 
-class Foreign(NamedTuple):
-    """Parameters that a kind of chain does not have.
-
-    Attributes
-    ----------
-    stems : tuple of str
-        Names without owner and number.
-    parts : tuple
-        Parts of the model whose fields they are.
-    kind, other : str
-        Where chains that have them move, and where those that do not.
-    """
-
-    stems: tuple[str, ...]
-    parts: tuple[Any, ...]
-    kind: str
-    other: str
-
-
-FOREIGN: dict[type[Mechanics], Foreign] = {
-    PlanarChain: Foreign(IN_SPACE, (SPACE,), "in space", "in a plane"),
-    SpatialChain: Foreign(PLANAR, (), "in a plane", "in space"),
-}
-
-
 def changed_space(model: Model, values: Mapping[str, float]) -> Space | None:
     """Return the model's data for motion in space with the parameter `values` applied; the same object if unchanged."""
     space = model.space
@@ -208,11 +181,12 @@ def check_space_names(names: Iterable[str], model: Model) -> None:
     """Raise InputError for spatial parameters in a planar model, planar ones in a spatial model, or a twist ratio of a
     chain that cannot twist.
     """
-    foreign = FOREIGN[type(mechanics_of(model))]
+    moves = "in a plane" if mechanics_of(model).dimension == 2 else "in space"
     for name in names:
         path = path_of(name)
-        if path.stem in foreign.stems or path.part in foreign.parts:
-            raise InputError(f"parameter {name} needs a chain {foreign.kind}, but the model {model.name!r} is "
-                             f"{foreign.other}: leave it out")  # fmt: skip
+        needed = "in space" if path.part is SPACE else path.quantity.only
+        if needed not in ("", moves):
+            raise InputError(f"parameter {name} needs a chain {needed}, but the model {model.name!r} is {moves}: leave "
+                             "it out")  # fmt: skip
         if path.stem == "twist_ratio" and not named(model, ("twist",)):
             raise InputError("parameter twist_ratio: this chain cannot twist; give the model a twist_ratio first")

@@ -15,6 +15,7 @@ from pliant.identification.names import stem_of
 from pliant.identification.parameters import Parameter, values_of
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
+from pliant.plain import plain
 
 if TYPE_CHECKING:  # an optimiser is imported when one runs
     from scipy.optimize import OptimizeResult
@@ -114,11 +115,8 @@ def covariance_dict(c: Covariance) -> dict[str, Any]:
 
 def parameter_dict(p: Parameter) -> dict[str, Any]:
     """Return a fitted parameter as a dictionary of plain numbers and strings for JSON."""
-    return {
-        "value": p.value, "unit": p.unit, "free": p.free, "std": p.std, "source": p.source,
-        "lower": p.lower if np.isfinite(p.lower) else None, "upper": p.upper if np.isfinite(p.upper) else None,
-        "scale": p.scale, "prior": p.prior, "prior_std": p.prior_std, "rests_on": p.rests_on,
-    }
+    bounds = {name: bound if np.isfinite(bound) else None for name, bound in (("lower", p.lower), ("upper", p.upper))}
+    return {**plain(p, but=("name", "shrink")), **bounds, "rests_on": p.rests_on}
 
 
 def far_off(experiments: Sequence[Experiment], rmse: Mapping[str, float]) -> str:

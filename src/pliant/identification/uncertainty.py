@@ -10,6 +10,7 @@ import numpy as np
 from pliant.identification.clusters import at_least, clusters_of, error_of_form, given
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import autocorrelations, correlated_frames
+from pliant.plain import record_of
 
 Array = np.ndarray
 HIDDEN = 1e-6  # singular value over the largest, below which the data do not determine a direction
@@ -41,14 +42,13 @@ class Covariance(NamedTuple):
         ValueError
             When a matrix does not have one finite number for each pair of parameters.
         """
-        names = tuple(content["names"])
-        arrays = {k: np.array(content[k]) for k in ("matrix", "white", "hidden", "between", "form")
-                  if content.get(k) is not None}  # fmt: skip
-        for field, array in arrays.items():
-            shape = (len(names),) if field == "hidden" else (len(names), len(names))
-            if array.shape != shape or not np.isfinite(array.astype(float)).all():
-                raise ValueError(f"the covariance lacks numbers of its {len(names)} parameters in {field!r}")
-        return cls(**{**content, "names": names, **arrays})
+        covariance = record_of(cls, content)
+        size = len(covariance.names)
+        for field, array in covariance._asdict().items():
+            shape = (size,) if field == "hidden" else (size, size)
+            if isinstance(array, np.ndarray) and (array.shape != shape or not np.isfinite(array.astype(float)).all()):
+                raise ValueError(f"the covariance lacks numbers of its {size} parameters in {field!r}")
+        return covariance
 
     @property
     def std(self) -> list[float | None]:

@@ -22,7 +22,7 @@ JointGain = Annotated[Array, Quantity(
     formerly=("gain",))]
 CrossGain = Annotated[Array, Quantity(
     "1", "factor on the torque law about y, in space, at every joint", per="joint", most=1e6, scale=0.3,
-    alike=False)]
+    alike=False, only="in space")]
 SHARED = ("name", "valve", "joint_gain", "cross_gain")  # fields of every input
 
 

@@ -74,7 +74,8 @@ class Chamber(ActuationInput):
     unit = "Pa"
     noun = "chamber"
     torque: Annotated[Array, Quantity(
-        "N m/Pa^k", "coefficient of pressure^k in the torque law", per="power", most=1e3, source="tau of Eq. (5)")]
+        "N m/Pa^k", "coefficient of pressure^k in the torque law", per="power", most=1e3, scales="inputs",
+        source="tau of Eq. (5)")]
     joint_gain: JointGain = field(default_factory=lambda: np.ones(1))
     valve: Valve = field(default_factory=Valve)
     swell_share: Annotated[float, Quantity(
@@ -94,7 +95,7 @@ class Chamber(ActuationInput):
         zero=True, lower=1.0, upper=1e4, start=50.0)] = 0.0
     axial_gain: Annotated[Array, Quantity(
         "1/m", "axial force of a chamber over its torque; 1 / offset by geometry", per="segment", most=1e6,
-        lower=-1e5, upper=1e5)] = field(default_factory=lambda: np.zeros(1))
+        lower=-1e5, upper=1e5, scales="inputs")] = field(default_factory=lambda: np.zeros(1))
     cross_gain: CrossGain = field(default_factory=lambda: np.zeros(1))
     name: str = "chamber"
     law: str = laws.POLYNOMIAL

@@ -64,7 +64,8 @@ class Extension:
 
     most_stretch: ClassVar[float] = 0.6  # of the length, by which a body of segments reaches farther at most
     stiffness: Annotated[float, Quantity(
-        "N", "EA of an extensible segment, force per strain", sign="positive", least=1e-9, most=1e12, lower=1e-6)]
+        "N", "EA of an extensible segment, force per strain", sign="positive", least=1e-9, most=1e12, lower=1e-6,
+        log_offset=0.0, scales="springs")]
     damping: Annotated[float, Quantity(
         "N s", "force per strain rate of an extensible segment", sign="not negative", most=1e12, lower=0.0)] = 0.0
     start: Annotated[float, Quantity(

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-from dataclasses import fields
 from hashlib import sha256
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import Field, ValidationError, create_model, field_validator
 
 from pliant.errors import InputError, explain_validation, shown
@@ -26,6 +23,7 @@ from pliant.model.space import Space
 from pliant.model.tables import Table, TableLayout, fields_of
 from pliant.model.tendon import DrivenBy, Tendon
 from pliant.model.valve import Valve
+from pliant.plain import plain
 
 SCHEMA: Literal["pliant-model"] = "pliant-model"
 SCHEMA_VERSION: Literal[1] = 1
@@ -138,21 +136,16 @@ def model_to_dict(model: Model) -> dict[str, Any]:
     """Return the entries of a model file for `model` as a dict of plain values."""
     content: dict[str, Any] = {"schema_name": SCHEMA, "schema_version": SCHEMA_VERSION, "units": {}}
     content |= plain(model)
-    chambers = [input_entries(c) for c in model.chambers]
+    chambers = content["chambers"]
     if len(chambers) == 1 and model.chambers[0].name == Chamber.name:
         del content["chambers"], chambers[0]["name"]
         content |= chambers[0]
-    else:
-        content["chambers"] = chambers
-    content["memory"] = dataclasses.asdict(model.memory)
-    content["extensions"] = [dataclasses.asdict(e) for e in model.extensions]
-    content["stations"] = [{k: v for k, v in s._asdict().items() if v or k != "aside"} for s in model.stations]
-    if model.space:
-        content["space"] = plain(model.space)
-    else:
-        del content["space"]
-    if not model.moving_base:
-        del content["moving_base"]
+    for station in content["stations"]:
+        if not station["aside"]:
+            del station["aside"]
+    for name in ("space", "moving_base"):
+        if not content[name]:
+            del content[name]
     content["units"] = units_in(content)
     return content
 
@@ -173,21 +166,10 @@ def units_in(content: dict[str, Any]) -> dict[str, str]:
     return {name: unit for name, unit in UNITS.items() if name in names}
 
 
-def input_entries(law: ActuationInput) -> dict[str, Any]:
-    """Return the model-file entries of one chamber or tendon."""
-    return plain(law) | {"valve": dataclasses.asdict(law.valve)}
-
-
 def input_of(entries: dict[str, Any]) -> ActuationInput:
     """Return the chamber or tendon described by the `entries` of its table in a model file."""
     arguments = {**entries, "valve": Valve(**entries["valve"])}
     return Tendon(**arguments) if "driven_by" in arguments else Chamber(**arguments)
-
-
-def plain(of: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass instance as a dict, with arrays as lists."""
-    values = {field.name: getattr(of, field.name) for field in fields(of)}
-    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
 
 
 def save_model(model: Model, path: str | Path) -> Path:

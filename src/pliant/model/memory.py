@@ -51,10 +51,10 @@ class Memory:
 
     creep_share: Annotated[tuple[float, ...], Quantity(
         "1", "stiffness of a creep branch over each joint's", per="branch", sign="not negative", most=1e6,
-        lower=0.0, upper=50.0, scale=0.1, start=0.1)] = ()
+        lower=0.0, upper=50.0, scale=0.1, start=0.1, log_offset=1.0)] = ()
     creep_time: Annotated[tuple[float, ...], Quantity(
         "s", "relaxation time of a creep branch", per="branch", sign="positive", least=1e-6, most=1e12,
-        lower=1e-3, upper=1e4, start=0.3, growth=8.0)] = ()
+        lower=1e-3, upper=1e4, start=0.3, growth=8.0, log_offset=0.0)] = ()
     slip_share: Annotated[tuple[float, ...], Quantity(
         "1", "stiffness of a slip element over each joint's", per="branch", sign="not negative", most=1e6,
         lower=0.0, upper=50.0, scale=0.1, start=0.1)] = ()
@@ -77,7 +77,7 @@ class Memory:
         lower=0.0, upper=50.0, scale=0.1, start=0.1)] = ()
     axial_creep_time: Annotated[tuple[float, ...], Quantity(
         "s", "relaxation time of an axial creep branch", per="branch", sign="positive", least=1e-6, most=1e12,
-        lower=1e-3, upper=1e4, start=0.3, growth=8.0)] = ()
+        lower=1e-3, upper=1e4, start=0.3, growth=8.0, log_offset=0.0)] = ()
     axial_slip_share: Annotated[tuple[float, ...], Quantity(
         "1", "stiffness of an axial slip element over EA", per="branch", sign="not negative", most=1e6,
         lower=0.0, upper=50.0, scale=0.1, start=0.1)] = ()
@@ -250,9 +250,9 @@ class Payne(NamedTuple):
 
 def payne(
     share: Annotated[float, Quantity("1", "extra stiffness of small oscillations over each joint's stiffness",
-                                     lower=0.0, upper=1e4, scale=0.5, start=3.0)],
+                                     lower=0.0, upper=1e4, scale=0.5, start=3.0, log_offset=1.0)],
     angle: Annotated[float, Quantity("rad", "oscillation amplitude of a joint that halves the extra stiffness",
-                                     lower=1e-6, upper=10.0, start=0.02)],
+                                     lower=1e-6, upper=10.0, start=0.02, log_offset=0.0)],
     exponent: Annotated[float, Quantity("1", "Kraus' m: how steeply the stiffness falls with amplitude, at most 0.5",
                                         lower=0.05, upper=0.5, scale=0.1, start=0.4)],
     low: Annotated[float, Quantity("rad", "smallest amplitude at which Payne's curve holds, never free",

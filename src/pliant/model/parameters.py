@@ -52,7 +52,7 @@ class Station(NamedTuple):
     across: Annotated[float, Quantity(  # to the left of the link, towards positive bending
         "m", "position of a station across its link", most=1e3, scale=2e-3)] = 0.0
     aside: Annotated[float, Quantity(
-        "m", "position of a station out of the plane, in space", most=1e3, scale=2e-3)] = 0.0
+        "m", "position of a station out of the plane, in space", most=1e3, scale=2e-3, only="in space")] = 0.0
 
 
 def station_of(entry: Any) -> Station:
@@ -89,14 +89,14 @@ class ModelParameters(Shown):
         "kg", "mass of each link", per="joint", sign="not negative", least=1e-12, most=1e5, zero=True, fitted=False)]
     stiffness: Annotated[Array, Quantity(
         "N m/rad", "stiffness of every joint", per="joint", sign="positive", least=1e-12, most=1e9, lower=1e-9,
-        source="K of Eq. (5)")]
+        log_offset=0.0, scales="springs", source="K of Eq. (5)")]
     damping: Annotated[Array, Quantity(
         "N m s/rad", "damping of every joint", per="joint", sign="not negative", most=1e9, lower=0.0,
         source="D of Eq. (5)")]
     chambers: tuple[ActuationInput, ...]
     rest_angle: Annotated[Array, Quantity(
         "rad", "rest angle of every joint", per="joint", most=1e3, lower=-3.2, upper=3.2, scale=0.05,
-        source="theta_i0 of Eq. (1)")] = NONE
+        only="in a plane", source="theta_i0 of Eq. (1)")] = NONE
     stiffening: Annotated[Array, spring_term("stiffening")] = NONE
     cubic_stiffening: Annotated[Array, spring_term("cubic_stiffening")] = NONE
     stiffening_bound: Annotated[Array, Quantity(
@@ -114,7 +114,8 @@ class ModelParameters(Shown):
         "m", "length of the rigid part before the first joint", sign="not negative", most=1e3,
         fitted=False)] = 0.0
     base_angle: Annotated[float, Quantity(
-        "rad", "angle of the base tangent from +y", most=1e3, lower=-1.0, upper=1.0, scale=0.05, guess=0.0)] = 0.0
+        "rad", "angle of the base tangent from +y", most=1e3, lower=-1.0, upper=1.0, scale=0.05, guess=0.0,
+        only="in a plane")] = 0.0
     gravity: Annotated[Array, Quantity(
         "m/s^2", "gravity in the base frame", per="vector", most=1e4, fitted=False)] = NONE
     moving_base: bool = False

@@ -56,6 +56,13 @@ class Quantity:
         Whether a fit may estimate the parameter.
     alike : bool
         Whether a fit may also set one value for all joints, with a name without number.
+    only : str
+        Where a chain moves that has the parameter: "in a plane" or "in space". "": in both.
+    scales : str
+        "springs" or "inputs", if the parameter scales their forces. Without weight or a known force, slow recordings
+        show only the ratio of the two. (Of numbered parameters only the first is in proportion to the input.)
+    log_offset : float or None
+        Offset added to the value, whose logarithm a fit then varies instead. None: the value itself.
     formerly : tuple of str
         Names of the parameter in older studies, which are refused with the present one.
     source : str
@@ -77,6 +84,9 @@ class Quantity:
     growth: float = 1.0
     fitted: bool = True
     alike: bool = True
+    only: Literal["", "in a plane", "in space"] = ""
+    scales: Literal["", "springs", "inputs"] = ""
+    log_offset: float | None = None
     formerly: tuple[str, ...] = ()
     source: str = ""
 

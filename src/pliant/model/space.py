@@ -50,7 +50,7 @@ class Space:
 
     stiffness_ratio: Annotated[float, Quantity(
         "1", "bending stiffness about y over that about x, in space", sign="positive", most=1e4,
-        lower=1e-2, upper=1e2, scale=0.1)] = 1.0
+        lower=1e-2, upper=1e2, scale=0.1, log_offset=0.0)] = 1.0
     twist_ratio: Annotated[float, Quantity(
         "1", "torsional over bending stiffness, in space", sign="not negative", most=1e4,
         lower=1e-3, upper=1e2, scale=0.1)] = 0.0

@@ -81,7 +81,8 @@ class Tendon(ActuationInput):
         "m", "distance of a tendon's path from the axis, at the base", sign="positive", most=1e2,
         lower=1e-6, scale=2e-3)] = 0.0
     line_stiffness: Annotated[float, Quantity(
-        "N/m", "stiffness of a tendon with its motor and mounts", sign="not negative", most=1e9, lower=1e-6)] = 0.0
+        "N/m", "stiffness of a tendon with its motor and mounts", sign="not negative", most=1e9, lower=1e-6,
+        log_offset=0.0)] = 0.0
     pretension: Annotated[float, Quantity(
         "N", "tension of a tendon at rest; below 0 it hangs slack", most=1e6, scale=1.0)] = 0.0
     pulley: Annotated[float, Quantity(

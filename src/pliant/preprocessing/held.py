@@ -142,12 +142,19 @@ def leave_out_frozen(recording: xr.Dataset) -> xr.Dataset:
     if "position" not in recording:
         return recording
     marked = frozen(recording["position"].values, recording["quaternion"].values if "quaternion" in recording else None)
+    return without_marked(recording, marked, "a station was frozen")
+
+
+def without_marked(recording: xr.Dataset, marked: NDArray, why: str) -> xr.Dataset:
+    """Return the recording with NaN for the poses of S stations that are marked (T, S), because `why`; the history
+    counts them.
+    """
     if not marked.any():
         return recording
     changed = {name: recording[name].copy(data=np.where(marked[..., None], np.nan, recording[name].values))
                for name in ("position", "quaternion") if name in recording}  # fmt: skip
     count = ", ".join(f"{n} {k}" for n, k in zip(recording["station"].values, marked.sum(axis=0), strict=True) if k)
-    return append_history(recording.assign(changed), f"left out frames in which a station was frozen: {count}")
+    return append_history(recording.assign(changed), f"left out frames in which {why}: {count}")
 
 
 def frozen_sentences(spans: dict[str, tuple[Span, ...]], stations: int) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing import detectors
+from pliant.preprocessing.held import without_marked
 from pliant.preprocessing.resample import in_time
 from pliant.preprocessing.rotations import continuous, from_matrix, mean_rotation, to_matrix
 from pliant.recording.schema import append_history, check_holds
@@ -63,13 +64,7 @@ def leave_out_spikes(recording: xr.Dataset, like: xr.Dataset | None = None) -> x
         return recording
     quaternion = like["quaternion"].values if "quaternion" in like else None
     marked = detectors.spiked_frames(like["position"].values, quaternion)
-    if not marked.any():
-        return recording
-    changed = {name: recording[name].copy(data=np.where(marked[..., None], np.nan, recording[name].values))
-               for name in ("position", "quaternion") if name in recording}  # fmt: skip
-    count = ", ".join(f"{n} {k}" for n, k in zip(recording["station"].values, marked.sum(axis=0), strict=True) if k)
-    line = f"left out frames in which a station left its path for one frame: {count}"
-    return append_history(recording.assign(changed), line)
+    return without_marked(recording, marked, "a station left its path for one frame")
 
 
 def drop_repeated_frames(recording: xr.Dataset) -> xr.Dataset:

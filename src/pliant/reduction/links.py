@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from pliant.reduction.body import BodyShape
-    Array = NDArray[np.float64]
-    from numpy.typing import NDArray
 
+Array = np.ndarray
 REST_DURATION = 0.1
 PRESSURE_AT_REST = 0.05  # of the range of the pressure
 

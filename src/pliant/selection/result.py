@@ -11,6 +11,7 @@ import numpy as np
 from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.result import FitResult
+from pliant.plain import plain, record_of
 
 
 class TriedTerm(NamedTuple):
@@ -82,17 +83,6 @@ class SelectionStep:
         """Return whether a term joined the model in this step."""
         return bool(self.name) and self.name[0] not in "-="
 
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> SelectionStep:
-        """Return the step that `to_dict` turned into `content`."""
-        tried = tuple(TriedTerm(**t) for t in content["tried"])
-        return cls(**{**content, "free": tuple(content["free"]), "tried": tried})
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the step as a dictionary of plain numbers and strings for JSON."""
-        return {"name": self.name, "title": self.title, "free": list(self.free), "cost": self.cost,
-                "train": dict(self.train), "left_out": dict(self.left_out), "tried": [t._asdict() for t in self.tried]}
-
     @property
     def train_percent(self) -> float:
         """Return the mean training error of all recordings, % of their peak displacement."""
@@ -153,13 +143,9 @@ class ModelSelection(Shown):
         """
         if "steps" not in content:
             raise InputError("these results hold a model selection of an earlier version: run the study again")
-        steps = [SelectionStep.from_dict(s) for s in content["steps"]]
-        return cls(tuple(steps), tuple(content["terms"]), content["reason"], result, content["seconds"],
-                   content.get("complete", True))
+        return record_of(cls, {**content, "result": result})
 
     def to_dict(self) -> dict[str, Any]:
         """Return the selection as a dictionary of plain numbers and strings for JSON."""
-        return {
-            "terms": list(self.terms), "reason": self.reason, "seconds": self.seconds, "complete": self.complete,
-            "steps": [s.to_dict() for s in self.steps],
-        }
+        content: dict[str, Any] = plain(self, but=("result", "rivals"))
+        return content

@@ -13,6 +13,7 @@ import numpy as np
 from pliant.errors import PliantError
 from pliant.files import read_entries, write_text
 from pliant.identification.parameters import Parameter
+from pliant.plain import plain, record_of
 from pliant.selection.fitted import FittedModel
 from pliant.selection.result import SelectionStep
 
@@ -65,7 +66,7 @@ class SearchFile:
     ) -> None:
         """Replace the file. A disk that takes no file costs the way back, not the search."""
         content = {
-            "key": self.key, "terms": list(terms), "steps": [s.to_dict() for s in steps],
+            "key": self.key, "terms": list(terms), "steps": plain(steps),
             "parameters": [without_infinities(asdict(p)) for p in best.parameters],
             "first": [without_infinities(asdict(p)) for p in first], "prior_weight": best.problem.size,
             "time_step": time_step, "seconds": seconds,
@@ -86,8 +87,8 @@ class SearchFile:
             parameters = tuple(Parameter(**p) for p in content["parameters"])
             first = tuple(Parameter(**p) for p in content["first"])
             numbers = (float(content[n]) for n in ("prior_weight", "time_step", "seconds"))
-            return SearchState(tuple(map(str, content["terms"])),
-                               tuple(SelectionStep.from_dict(s) for s in content["steps"]), parameters, first, *numbers)
+            steps = tuple(record_of(SelectionStep, s) for s in content["steps"])
+            return SearchState(tuple(map(str, content["terms"])), steps, parameters, first, *numbers)
         except (PliantError, KeyError, TypeError, ValueError, AttributeError):  # not a file of this version
             return None
 

@@ -213,8 +213,8 @@ def plain_map_sentence(fit: FitOutcome) -> str:
     (low, high, unit), (least, most, _) = (error_range(errors) for errors in (
         [fit.baseline.records[r.name] for r in judged], [r.metrics for r in judged]))
     which = f"the {'held-out' if held_out else 'training'} record{'s' * (len(judged) > 1)}"
-    beyond = max(fit.baseline.outside[r.name] for r in judged)
-    how = "holds its value at their edge" if fit.baseline.held else "extrapolates there"
+    beyond = max(fit.baseline.outside_percent[r.name] for r in judged)
+    how = "holds its value at their edge" if fit.baseline.held_at_edge else "extrapolates there"
     left = (f" Up to {beyond:.0f} % of the frames are outside the range of its training inputs; it {how}."
             if beyond > 1 else "")
     return (f"A plain map ({fit.baseline.title}) {'predicts' if held_out else 'follows'} {which} with an RMS error of "

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pliant.display import Card, Shown
 from pliant.errors import InputError
+from pliant.plain import plain
 
 if TYPE_CHECKING:
     from pliant.validation.outcome import StudyOutcome
@@ -43,7 +44,7 @@ class ExportedResults(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain values, for JSON."""
-        return {"target": self.target, "path": str(self.path), "records": list(self.records), "notes": list(self.notes)}
+        return {**plain(self), "path": str(self.path)}
 
 
 def export_results(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from pliant.identification.fit import parameter_dict
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.model.file import model_to_dict
+from pliant.plain import by_name, plain, records_of
 from pliant.preprocessing.lag_model import body_course, pressure_course
 from pliant.preprocessing.sync import Delay
 from pliant.reduction import LinkPlacement, OrderResult
@@ -57,9 +58,9 @@ class Baseline:
 
     title: str
     degree: int
-    time_constants: tuple[float, ...]  # s
+    lags_s: tuple[float, ...]
     ridge: float
-    held: bool  # at the edge of the training inputs
+    held_at_edge: bool  # of the training inputs
     inputs: tuple[str, ...]
     coefficients: int
     frames: int
@@ -68,29 +69,10 @@ class Baseline:
     training_error: float
     notes: tuple[str, ...]
     records: dict[str, dict[str, Any]]  # metrics by recording, as of a model
-    outside: dict[str, float]  # % of each recording's frames beyond the range of the training inputs
+    outside_percent: dict[str, float]  # of each recording's frames beyond the range of the training inputs
     better: tuple[str, ...] = ()  # held-out recordings that it predicts better than the model
     explained: dict[str, float] = field(default_factory=dict)  # fraction of the model's residual there
     suggestion: str = ""  # what that residual suggests
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the plain map and its errors as plain values, for metrics.json."""
-        content = {f.name: getattr(self, f.name) for f in fields(self)}
-        content = {k: list(v) if isinstance(v, tuple) else v for k, v in content.items()}
-        content["lags_s"], content["outside_percent"] = content.pop("time_constants"), content.pop("outside")
-        content["held_at_edge"] = content.pop("held")
-        return content
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any] | None) -> Baseline | None:
-        """Return the plain map from the result of `to_dict`; None if `content` is None."""
-        if content is None:
-            return None
-        named = {**content, "time_constants": content["lags_s"], "outside": content["outside_percent"],
-                 "held": content["held_at_edge"]}
-        values: dict[str, Any] = {f.name: named[f.name] for f in fields(cls)}
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-        return cls(**values)
 
 
 @dataclass(frozen=True)
@@ -124,20 +106,16 @@ class FitOutcome:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fit as plain values, for metrics.json."""
-        covariance = self.result.covariance
         return {
             "title": self.title, "status": self.result.status, "notes": list(self.result.notes),
             "converged": self.result.converged, "bic": self.result.bic, "time_step_s": self.result.time_step,
-            "not_computed": [n._asdict() for n in self.not_computed],
-            "records": self.record_dicts(),
+            "not_computed": plain(self.not_computed), "records": self.record_dicts(),
             "parameters": {p.name: parameter_dict(p) for p in self.result.parameters},
             "timing": {
                 "fit_s": self.seconds, "optimiser_s": self.result.seconds, "simulated_sets": self.result.evaluations,
             },
             "model": model_to_dict(self.result.model),
-            "covariance": None if covariance is None else {
-                k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in covariance._asdict().items()
-            },
+            "covariance": plain(self.result.covariance),
         }
 
 
@@ -209,7 +187,7 @@ class WiringRow(NamedTuple):
     """The result of fitting one wiring of recorded pressures to chambers."""
 
     name: str
-    percent: float | None  # mean error of training recordings, % of peak displacement; None: not fitted
+    train_percent: float | None  # mean error of training recordings, % of peak displacement; None: not fitted
     behind: float | None  # how much 2 ln L is below the best wiring's
     reason: str = ""  # why it could not be fitted
 
@@ -229,26 +207,22 @@ class Wirings:
     @property
     def sentence(self) -> str:
         """Return a sentence on the best wiring and on how much worse the second best is."""
-        fitted = [r for r in self.rows if r.percent is not None]
-        said = (f"Wiring {fitted[0].name!r} fits the training records best, with an error of {fitted[0].percent:.2f} % "
-                "of the peak displacement")
+        fitted = [r for r in self.rows if r.train_percent is not None]
+        said = (f"Wiring {fitted[0].name!r} fits the training records best, with an error of "
+                f"{fitted[0].train_percent:.2f} % of the peak displacement")
         if len(fitted) < 2:
             return f"{said}. No other wiring could be fitted."
-        return (f"{said}. The second best of {len(fitted)} is {fitted[1].name!r} with {fitted[1].percent:.2f} %; its "
-                f"2 ln L is lower by {fitted[1].behind:.0f}.")
+        return (f"{said}. The second best of {len(fitted)} is {fitted[1].name!r} with {fitted[1].train_percent:.2f} %; "
+                f"its 2 ln L is lower by {fitted[1].behind:.0f}.")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the comparison of wirings as plain values, for JSON."""
-        rows = {r.name: {"train_percent": r.percent, "behind": r.behind, "reason": r.reason} for r in self.rows}
-        return {"fit": self.fit, "sentence": self.sentence, "wirings": rows}
+        return {"fit": self.fit, "sentence": self.sentence, "wirings": by_name(self.rows)}
 
     @classmethod
     def from_dict(cls, content: dict[str, Any] | None) -> Wirings | None:
         """Return the comparison of wirings from the result of `to_dict`; None if `content` is None."""
-        if content is None:
-            return None
-        rows = (WiringRow(n, r["train_percent"], r["behind"], r["reason"]) for n, r in content["wirings"].items())
-        return cls(content["fit"], tuple(rows))
+        return None if content is None else cls(content["fit"], records_of(WiringRow, content["wirings"]))
 
 
 class Headline(NamedTuple):
@@ -308,8 +282,8 @@ class StudyOutcome(Shown):
                 errors = (r.metrics.get(k) for k in (f"rmse_{unit}", "rmse_percent_of_travel", f"max_{unit}"))
                 numbers = ["" if v is None else f"{v:.3g}" for v in errors]
                 if mapped:
-                    plain = f.baseline.records.get(r.name, {}).get(f"rmse_{unit}") if f.baseline else None
-                    numbers.append("" if plain is None else f"{plain:.3g}")
+                    error = f.baseline.records.get(r.name, {}).get(f"rmse_{unit}") if f.baseline else None
+                    numbers.append("" if error is None else f"{error:.3g}")
                 rows.append([r.name, f.title, r.role.replace("_", " "), *numbers])
             empty = [""] * (2 + mapped)
             rows += [[m.record, f.title, m.role.replace("_", " "), "not computed", *empty] for m in f.missing]
@@ -331,11 +305,11 @@ class StudyOutcome(Shown):
         return {
             "schema": "pliant-metrics", "schema_version": 1, "run_id": self.run_id, "study": self.name,
             "title": self.title, "description": self.description,
-            "headline": self.headline._asdict() if self.headline else None, "verdict": list(self.verdict),
+            "headline": plain(self.headline), "verdict": list(self.verdict),
             "records": records,
             "parameters": {p.name: parameter_dict(p) for p in self.fits[0].result.parameters},
             "fits": {f.name: f.to_dict() for f in self.fits},
-            "baseline": {f.name: f.baseline.to_dict() for f in self.fits if f.baseline},
+            "baseline": {f.name: plain(f.baseline) for f in self.fits if f.baseline},
             "model_selection": self.model_selection.to_dict() if self.model_selection else None,
             "wiring": self.wirings.to_dict() if self.wirings else None,
             "order": self.shape.order.to_dict() if self.shape else None,
@@ -345,9 +319,9 @@ class StudyOutcome(Shown):
                 for f in self.forecasts
             },
             "adaptations": {k: a.to_dict() for k, a in self.adaptations.items()},
-            "findings": {k: list(v) for k, v in self.findings.items()},
+            "findings": plain(self.findings),
             "clocks": {k: {"delay_s": c.delay, "drift": c.drift, "message": c.message} for k, c in self.clocks.items()},
-            "not_computed": [n._asdict() for n in self.failed],
+            "not_computed": plain(self.failed),
             "timing": self.timing, "provenance": self.provenance,
         }
 

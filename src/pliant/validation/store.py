@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from pliant.identification.experiment import FurtherRows
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.model.file import read_model
+from pliant.plain import plain, record_of
 from pliant.recording.inputs import CUTOFF
 from pliant.recording.netcdf import read_groups
 from pliant.recording.rules import CONSTANTS
@@ -164,24 +165,14 @@ def shaped(shape: Shape) -> dict[str, xr.Dataset]:
            "rest_curvature": ("place", shape.rest_curvature, {"units": "1/m"})}
     order = {"time": ("time", shape.order.time, {"units": "s"}),
              **{k: in_metres(("order", "time"), getattr(shape.order, k)) for k in ("max_error", "mean_error")}}
+    links = {name: v for name, v in vars(shape.links).items() if isinstance(v, np.ndarray)}
     return {
         "/shape": xr.Dataset(profile, attrs={"name": shape.name, "tip_status": shape.tip_status}),
-        "/shape_order": xr.Dataset(order, attrs={"json": plain(shape.order, set(order))}),
+        "/shape_order": xr.Dataset(order, attrs={"json": json.dumps(plain(shape.order, order))}),
         "/shape_links": xr.Dataset(
-            {f.name: ([f"{f.name}_{k}" for k in range(v.ndim)], v) for f in fields(shape.links)
-             if isinstance(v := getattr(shape.links, f.name), np.ndarray)}, attrs={"json": plain(shape.links, set())}),
+            {name: ([f"{name}_{k}" for k in range(v.ndim)], v) for name, v in links.items()},
+            attrs={"json": json.dumps(plain(shape.links, links))}),
     }
-
-
-def plain(result: Any, but: set[str]) -> str:
-    """Return the fields of a dataclass as JSON text, without its arrays and without the fields named in `but`."""
-    values: dict[str, Any] = {}
-    for f in fields(result):
-        value = getattr(result, f.name)
-        if f.name not in but and not isinstance(value, np.ndarray):
-            values[f.name] = [v.tolist() if isinstance(v, np.ndarray) else v for v in value] if isinstance(
-                value, tuple) else value
-    return json.dumps(values)
 
 
 def forecast_dataset(forecast: Forecast) -> xr.Dataset:
@@ -288,14 +279,14 @@ def restored(metrics: dict[str, Any], groups: Groups) -> StudyOutcome:
         for name, recording in groups.items()
         if name.startswith("/recording_")
     }
-    plain = metrics.get("baseline", {})
-    fits = tuple(replace(fit_of(i, name, entry, recordings), baseline=Baseline.from_dict(plain.get(name)))
+    maps = {name: record_of(Baseline, entry) for name, entry in metrics.get("baseline", {}).items()}
+    fits = tuple(replace(fit_of(i, name, entry, recordings), baseline=maps.get(name))
                  for i, (name, entry) in enumerate(metrics["fits"].items()))
     forecasts = tuple(
         forecast_of(n, e, groups[f"/forecast_{k}"]) for k, (n, e) in enumerate(metrics["forecasts"].items())
     )
     stored = metrics["headline"]
-    headline = Headline(**{**stored, "warnings": tuple(stored["warnings"])}) if stored else None
+    headline = record_of(Headline, stored) if stored else None
     model = fits[0].result.model.with_(name=metrics["study"])
     return StudyOutcome(
         metrics["study"], metrics["title"], metrics["description"], model, fits, forecasts, shape_of(groups),
@@ -400,16 +391,11 @@ def shape_of(groups: Groups) -> Shape | None:
     if "/shape" not in groups:
         return None
     body, order, links = (groups[name] for name in ("/shape", "/shape_order", "/shape_links"))
-    facts: dict[str, Any] = json.loads(order.attrs["json"])
-    facts |= {k: tuple(facts[k]) for k in ("orders", "stations_between", "notes")}
-    facts["node_arc_length"] = tuple(np.array(nodes) for nodes in facts["node_arc_length"])
-    facts |= {k: order[k].values for k in ("time", "max_error", "mean_error")}
-    chain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(
-        links.attrs["json"]).items()}
-    chain |= {str(k): v.values for k, v in links.data_vars.items()}
+    facts, chain = (json.loads(group.attrs["json"]) | {str(k): v.values for k, v in group.variables.items()}
+                    for group in (order, links))
     arc, position, curvature, rest = (body[k].values for k in ("arc_length", "position", "curvature", "rest_curvature"))
-    return Shape(str(body.attrs["name"]), arc, position, curvature, rest, OrderResult(**facts), LinkPlacement(**chain),
-                 str(body.attrs["tip_status"]))
+    return Shape(str(body.attrs["name"]), arc, position, curvature, rest, record_of(OrderResult, facts),
+                 record_of(LinkPlacement, chain), str(body.attrs["tip_status"]))
 
 
 def selection_of(content: dict[str, Any] | None, fits: Sequence[FitOutcome]) -> ModelSelection | None:

@@ -134,7 +134,7 @@ def plain_maps(fits: Sequence[FitOutcome]) -> list[dict[str, Any]]:
         error = "" if b.left_out_error is None else f"{digits(b.left_out_error)} {b.unit} on left-out training data, "
         first = (f"RMS error {error}{digits(b.training_error)} {b.unit} in training; {b.coefficients} coefficients, "
                  f"ridge {b.ridge:g}, {b.frames} training frames. Beyond the range of the training inputs it "
-                 f"{'holds its value at their edge' if b.held else 'extrapolates'}.")
+                 f"{'holds its value at their edge' if b.held_at_edge else 'extrapolates'}.")
         entry = rows.setdefault(key, {"title": b.title, "fits": [], "lines": [first, *b.notes]})
         entry["fits"].append(f.title)
         entry["lines"] += [" ".join((f"{f.title}:", s, b.suggestion)).strip() for s in [better_sentence(f)] if s]
