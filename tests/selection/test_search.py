@@ -207,6 +207,24 @@ def test_an_interrupt_leaves_the_best_model_so_far():
     assert found.result.values["stiffening"] == pytest.approx(-0.4, rel=0.2)
 
 
+def test_an_interrupt_while_priors_are_weighted_leaves_the_term_that_joined(monkeypatch):
+    converged = Search.converged
+
+    def interrupt(self, fit, prior_weight):
+        if prior_weight != fit.problem.size:
+            raise KeyboardInterrupt
+        return converged(self, fit, prior_weight)
+
+    monkeypatch.setattr(Search, "converged", interrupt)
+    soft = two(chain(stiffening=np.full(2, -0.4), stiffening_bound=np.full(2, 0.75)))
+    common = [Parameter("damping", 3e-3, prior=3e-3, prior_std=1e-3), "stiffness", "torque_1"]
+    found = select_model(soft, GIVEN, common=common, terms=terms_for(GIVEN, soft, only=["softening"]))
+    assert found.terms == ("softening",)
+    assert [s.name for s in found.steps] == ["", "softening"]
+    assert "interrupted" in found.reason
+    assert found.result.values["stiffening"] == pytest.approx(-0.4, rel=0.2)
+
+
 def test_a_search_that_was_killed_goes_on_where_it_was(tmp_path):
     class KilledError(Exception):
         pass

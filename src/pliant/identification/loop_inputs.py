@@ -67,9 +67,14 @@ def in_one_row(numbers: Numbers) -> Array:
     """Flatten `numbers` to one vector, arrays first, then scalars.
     Steps, torques, loads, chambers and base (`APART`) are left out.
     """
-    entries = leaves(numbers)
-    arrays = [e.ravel() for e in entries if isinstance(e, Array)]
-    return np.concatenate([*arrays, np.array([e for e in entries if not isinstance(e, Array)])])
+    arrays: list[Array] = []
+    alone: list[Any] = []
+    for e in leaves(numbers):
+        if isinstance(e, Array):
+            arrays.append(e.ravel())
+        else:
+            alone.append(e)
+    return np.concatenate([*arrays, np.array(alone)])
 
 
 def from_one_row(row: Array, like: Numbers) -> Numbers:
@@ -96,5 +101,8 @@ def from_one_row(row: Array, like: Numbers) -> Numbers:
 
 def leaves(numbers: Numbers) -> list[Any]:
     """Return the arrays and scalars of `numbers` as a flat list, without the entries of `APART`."""
-    short = (e for n, e in zip(Numbers._fields, numbers, strict=True) if n not in APART)
-    return [leaf for e in short for leaf in (e if isinstance(e, tuple) else (e,))]
+    flat: list[Any] = []
+    for name, entry in zip(Numbers._fields, numbers, strict=True):
+        if name not in APART:
+            flat.extend(entry if isinstance(entry, tuple) else (entry,))
+    return flat

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, cached_property
 from typing import Annotated, NamedTuple
 
 from pliant.errors import InputError
@@ -131,7 +131,7 @@ class ParameterPath:
         """Whether the parameter is that of a single joint, or of each joint in turn (``*``)."""
         return self.declared.quantity.per == "joint" and bool(self.numbers)
 
-    @property
+    @cached_property
     def quantity(self) -> Quantity:
         """Unit, bounds and meaning of the parameter."""
         quantity = self.declared.quantity

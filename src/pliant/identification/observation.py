@@ -58,7 +58,7 @@ def places_of(forward: ForwardProblem, numbers: Numbers, kind: NumberKind) -> Pl
 
 def lags_of(own: Mapping[str, float], stations: Sequence[str]) -> Array:
     """Return the time constant (S,) [s] of each station's sensor from the parameter values `own`; empty if none."""
-    if not any(name.rpartition(".")[2] == "sensor_lag" for name in own):
+    if not any(name.endswith("sensor_lag") for name in own):
         return np.zeros(0)
     return np.array([own.get(f"{s}.sensor_lag", own.get("sensor_lag", 0.0)) for s in stations])
 

@@ -13,7 +13,7 @@ from pliant.identification import part_parameters
 from pliant.identification.chamber_parameters import changed_chambers, check_chamber_names, owners
 from pliant.identification.names import RECORDING, find_path, path_of, paths
 from pliant.identification.part_parameters import memory_changes, usual_start
-from pliant.model import ActuationInput, Model, Station
+from pliant.model import Model, Station
 from pliant.model.parts import BODY, STATION
 from pliant.model.quantity import Quantity, quantities
 
@@ -169,21 +169,22 @@ def of_the_model(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
     return tuple(pair for pair in values.items() if pair[0].rpartition(".")[2] not in OF_A_RECORD)
 
 
-def apply(model: Model, values: Mapping[str, float], cache: dict[Any, ActuationInput] | None = None) -> Model:
+def apply(model: Model, values: Mapping[str, float], cache: dict[Any, Any] | None = None) -> Model:
     """Return the model with the parameter `values` (SI) applied. Parameters that no model has, such as those of a
     recording, are ignored.
 
     Each value replaces the model's own, so that applying the same values twice changes nothing. `cache` keeps the
-    chambers of this model for calls in which their parameters have the same values.
+    chambers and the hysteresis of this model for calls in which their parameters have the same values.
     """
+    cache = {} if cache is None else cache
     if "joint_share" in values:
         model = moved_joints(model, values["joint_share"])
     changes = body_changes(model, values)
     changes |= part_parameters.stiffened(model, values)
-    changes |= memory_changes(model, values)
+    changes |= memory_changes(model, values, cache)
     stiffened = changes.pop("extensions", model.extensions)
     parts = {
-        "chambers": changed_chambers(model, values, {} if cache is None else cache),
+        "chambers": changed_chambers(model, values, cache),
         "extensions": part_parameters.changed_extensions(stiffened, values),
         "space": part_parameters.changed_space(model, values),
     }

@@ -120,8 +120,19 @@ def laid_out(values: Mapping[str, float]) -> dict[str, Any]:
     return entries
 
 
-def memory_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the changes that `values` make to a model's creep and hysteresis, as a dict for `Model.with_`."""
+def memory_changes(model: Model, values: Mapping[str, float], cache: dict[Any, Any]) -> dict[str, Any]:
+    """Return the changes that `values` make to a model's creep and hysteresis, as a dict for `Model.with_`. They are
+    kept in `cache`, and taken from there where the same values were applied before.
+    """
+    stated = {name: values[name] for name, path in paths(values, MEMORY, SPRINGPOT, PAYNE) if not path.owner}
+    key = (Memory, *stated.items())
+    if key not in cache:
+        cache[key] = changed_memory(model, stated)
+    return dict(cache[key])
+
+
+def changed_memory(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
+    """Return the changes that the parameters of creep and hysteresis in `values` make to a model."""
     named = [(name, path) for name, path in paths(values, MEMORY) if not path.owner]
     entries: dict[str, Any] = {path.field: values[name] for name, path in named if not path.numbers} | laid_out(values)
     for kind, fields in branches().items():

@@ -10,7 +10,7 @@ import numpy as np
 from pliant.equations.symbols import Joints, MemoryLaw
 from pliant.identification.parameters import apply, of_the_model
 from pliant.mechanics import Mechanics, mechanics_of
-from pliant.model import ActuationInput, Model, Station
+from pliant.model import Model, Station
 from pliant.simulation import equilibrium
 from pliant.simulation.chamber_course import row_of
 from pliant.simulation.drive import Drive, Layout
@@ -48,8 +48,9 @@ class ModelAt(NamedTuple):
         key = pressure.tobytes()
         if key not in self.rows:
             rows = [row_of(c, float(p)) for c, p in zip(self.model.chambers, pressure, strict=True)]
-            length = max(row.size for row in rows)
-            self.rows[key] = np.stack([np.pad(row, (0, length - row.size)) for row in rows])
+            self.rows[key] = np.zeros((len(rows), max(row.size for row in rows)))
+            for filled, row in zip(self.rows[key], rows, strict=True):
+                filled[: row.size] = row
         return self.rows[key]
 
     def places(self, stations: tuple[str, ...]) -> Array:
@@ -88,7 +89,7 @@ class Plans:
         self.models: dict[Any, ModelAt] = {}
         self.drives: dict[Any, Drive] = {}
         self.layouts: dict[Any, Layout] = {}
-        self.chambers: dict[Any, ActuationInput] = {}  # by name and the values of their parameters
+        self.parts: dict[Any, Any] = {}  # chambers and hysteresis, by the values of their parameters
         self.slopes: dict[Any, Any] = {}  # derivatives that recordings share, at one set of values: `sensitivity`
         self.poses: dict[Any, Any] = {}  # of a body that is held, see `held_pose.pose_through`
 
@@ -99,7 +100,7 @@ class Plans:
         model_values = of_the_model(values)
         key = (model_values, model.moving_base)
         if key not in self.models:
-            m = apply(model, dict(model_values), self.chambers)
+            m = apply(model, dict(model_values), self.parts)
             points = {p.name: p for p in m.points}
             chain = mechanics_of(m)
             self.models[key] = ModelAt(m, chain.body, chain.joints, m.memory.law(), points, {}, {}, {}, {}, {})
@@ -109,7 +110,7 @@ class Plans:
         """Empty each cache of models, steps and torques that has more than `most` entries."""
         if len(self.models) > most:
             self.models.clear()
-            self.chambers.clear()
+            self.parts.clear()
         if len(self.drives) > most:
             self.drives.clear()
             self.layouts.clear()  # drives are computed from layouts

@@ -288,6 +288,9 @@ def with_equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Arr
     `stiffness` is the `rest_stiffness` of the forward problem.
     """
     turned = equilibrium_slope(forward, slope, stiffness)
+    if forward.first_seen is None:
+        rates = from_one_row(slope.row, forward.numbers)._replace(held=turned, phi=turned)
+        return slope._replace(row=in_one_row(rates))
     tilted = from_one_row(in_one_row(forward.numbers) + 1j * TINY * slope.row, forward.numbers)
     phi = forward.numbers.phi + 1j * TINY * turned
     row = in_one_row(reattached(forward, tilted._replace(held=phi, phi=phi)))

@@ -131,17 +131,21 @@ def _continuation(position: NDArray, last: NDArray[np.intp], time: NDArray, t: i
     """
     from scipy.optimize import linear_sum_assignment
     from scipy.spatial import cKDTree
+    from scipy.spatial.distance import cdist
 
     recent = last[t] >= 0
     recent[recent] &= time[t] - time[last[t][recent]] <= LONGEST_GAP_S
     points = np.flatnonzero(recent)
     labels = np.flatnonzero(recent & np.isfinite(position[t]).all(1))
     expected, measured = _expected(position, last, time, t, points), position[t, labels]
-    if np.array_equal(points[cKDTree(expected).query(measured)[1]], labels):  # then no exchange is shorter
+    mine = np.searchsorted(points, labels)
+    shortest, nearest = cKDTree(expected).query(measured)
+    own = np.sqrt(((expected[mine] - measured) ** 2).sum(axis=1))
+    if not np.any((nearest != mine) & (shortest <= SHORTER * own)):  # then no exchange is that much shorter
         return None
-    away = np.linalg.norm(expected[:, None] - measured[None], axis=-1)
+    away = cdist(expected, measured)
     rows, columns = linear_sum_assignment(away)
-    own_row = np.searchsorted(points, labels[columns])
+    own_row = mine[columns]
     moved = rows != own_row
     if not moved.any() or away[rows, columns][moved].sum() > SHORTER * away[own_row, columns][moved].sum():
         return None

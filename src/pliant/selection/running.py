@@ -72,6 +72,7 @@ class RunningSearch:
     restarts: set[frozenset[str]] = field(default_factory=set)
     first: Sequence[Parameter] = ()  # those of the first model, at its values; default: of `best`
     pace: float = 0.0  # s per evaluation of the last fit
+    interrupted: bool = False  # before the best model was recorded
 
     def __post_init__(self) -> None:
         self.allowed = self.deadline - clock.monotonic()
@@ -97,15 +98,19 @@ class RunningSearch:
 
     def adopt(self, fit: FittedModel, score: float) -> None:
         """Take a converged fit, of the criterion `score`, as the best model. Its priors are weighted by its residuals,
-        unless left-out parts are then predicted worse.
+        unless left-out parts are then predicted worse. An interrupt (Ctrl-C) acts after the next `record`.
         """
         self.best, self.score = fit, score
         if not fit.problem.learns or self.late or abs(fit.prior_weight / fit.problem.size - 1.0) <= MATERIAL:
             return
-        with suppress(PliantError):
+        try:
             weighted = self.converged(fit, fit.prior_weight)
             if (other := self.scored(weighted)) < (1 + MATERIAL) * score:
                 self.best, self.score = weighted, other
+        except PliantError:
+            return
+        except KeyboardInterrupt:
+            self.interrupted = True  # the model is recorded first, as it is without these weights
 
     def converged(self, fit: FittedModel, prior_weight: float) -> FittedModel:
         """Return a fit continued until it converges, with another weight of its priors."""
@@ -134,6 +139,9 @@ class RunningSearch:
             f"{title}: error of left-out parts {self.steps[-1].left_out_percent:.3g} % of the peak displacement, "
             f"{len(self.best.free)} parameters ({clock.monotonic() - self.began:.0f} s; at most {left:.0f} s more)"
         )
+        if self.interrupted:
+            self.interrupted = False
+            raise KeyboardInterrupt
 
     def keep(self, score: float, title: str, fit: FittedModel) -> None:
         """Keep a model as a possible rival of the chosen one; those with the lowest criteria stay."""
