@@ -35,6 +35,7 @@ SEEN = 0.25  # of the prior's variance left, below which the recordings determin
 PLAIN = 1.15  # error before over error after: a smaller gain is no new mounting, whatever the statistics say
 CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
 TOO_CLOSE = 0.5  # of the earlier error: a smaller one means that the mounting took up errors of the model
+WORSE_REST = 1.05  # of the error on the rest of the day: a larger one refutes a change of the body
 TOLD = 0.05  # logarithm of a common factor on the gains, from which the verdict mentions it
 LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
 WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
@@ -157,7 +158,7 @@ def adapt_model(
     moves farther than its priors allow.
 
     Whether the body changed is judged by another fit, whose body is free (`body_change`). Parameters that changed are
-    released from their prior.
+    released from their prior, unless the rest of the day is then predicted worse.
 
     Parameters
     ----------
@@ -202,12 +203,16 @@ def adapt_model(
         change = body_change(separate, fit_freed(day), how["earlier"],
                              lambda exp: fit_freed(parts_of_day([exp], duration)))  # fmt: skip
         notify(f"adapt: {change.sentence}")
-        if not set(change.names) <= {*posterior.body.names, "stiffness"}:
-            posterior = separate
-        names = released_names(posterior, change.names)
-        if not set(names) <= set(released):
-            released = {n: v for n, v in (released | freed(posterior)).items() if n in {*released, *names}}
-            result = fitted_day(posterior, day, posterior.prior.widened(released), settings(day))
+        where = posterior if set(change.names) <= {*posterior.body.names, "stiffness"} else separate
+        names = {*released, *released_names(where, change.names)}
+        if names != set(released):
+            wide = where.prior.widened({n: v for n, v in (released | freed(where)).items() if n in names})
+            other = fitted_day(where, day, wide, settings(day))
+            if error_of_rest(other, day) > WORSE_REST * error_of_rest(result, day):
+                notify("adapt: with this change the rest of the day is predicted worse: it is none")
+                change = BodyChange(compared=change.compared)
+            else:
+                posterior, result = where, other
     return judged(old, posterior, day, result, change, kind=how["kind"])
 
 
@@ -351,6 +356,14 @@ def judged(
 def error_of(exp: Experiment, result: FitResult) -> float:
     """Return the RMS error [m; angles: rad] of a recording under a fitted model, with its own edge times fitted."""
     return root_mean_square(predict_held_out(exp, result)[0]["compared"], exp.compared)
+
+
+def error_of_rest(result: FitResult, day: DayParts) -> float:
+    """Return the mean error of a fit on the recordings that judge it, as a fraction of their peak displacements; 0 if
+    there are none.
+    """
+    errors = [error_of(e, result) / max(e.travel, 1e-12) for e in day.judged]
+    return float(np.mean(errors)) if errors else 0.0
 
 
 def mounting_moved(moves: Sequence[Move], result: FitResult) -> str:
