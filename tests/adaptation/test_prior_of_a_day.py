@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pliant.adaptation.adapt import common_factor, parts_of_day, verdict_of
+from pliant.adaptation.change import BodyChange
 from pliant.adaptation.mounting import (
     COMMON,
     COMMON_GAIN,
@@ -222,19 +223,21 @@ def test_an_overfitted_day_is_fitted_again_with_priors_that_weigh_more(monkeypat
         monkeypatch.setattr(adapting, "judged", lambda *_a, **_k: None)
         monkeypatch.setattr(adapting, "check_day", lambda *_: None)
         monkeypatch.setattr(adapting, "strained", lambda _moves: True)
+        monkeypatch.setattr(adapting, "body_change", lambda *_: BodyChange())
         adapting.adapt_model(old, posterior_of(old, {"old"}), day)
         return list(asked)
 
-    assert fitted(1e-3) == [0.0, 3.0]  # overfitted, then nothing demands another body
-    assert fitted(3e-3) == [0.0]
-    assert fitted(9e-3) == [0.0, 0.0]  # all parameters of the body are released
+    free_body = [0.0]  # by which a change is judged
+    assert fitted(1e-3) == [0.0, 3.0, *free_body]  # overfitted, then nothing demands another body
+    assert fitted(3e-3) == [0.0, *free_body]
+    assert fitted(9e-3) == [0.0, 0.0, *free_body]  # all parameters of the body are released
 
 
 @pytest.mark.parametrize(("factor", "named"), [(0.85, True), (1.2, True), (1.02, False)])
 def test_a_common_gain_may_be_a_change_of_stiffness_and_the_verdict_says_so(factor, named):
     rows = (Move(COMMON, "mounting", "1", 1.0, factor, None, COMMON_GAIN, None, None),)
     errors = (DayError("day", "fitted", 9e-3, 1e-3, 0.1),)
-    verdict, sentence = verdict_of(result({"stiffness": 1.0}), rows, errors, "base_angle", kind=False)
+    verdict, sentence = verdict_of(result({"stiffness": 1.0}), rows, errors, "base_angle", BodyChange())
     assert verdict == "re-mounted"
     assert ("may be the inverse factor on all stiffnesses" in sentence) == named
     assert (f"The factor {factor:.3g}" in sentence) == named

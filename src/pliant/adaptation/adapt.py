@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
+from pliant.adaptation.change import BodyChange, body_change, freed, released_names
 from pliant.adaptation.mounting import COMMON, COMMON_GAIN, mounting_parameters, of_mounting
-from pliant.adaptation.posterior import Posterior
+from pliant.adaptation.posterior import FROM_DAY_TO_DAY, Posterior, by_joint
 from pliant.adaptation.result import FAR, Adaptation, DayError, Move, Verdict
 from pliant.errors import InputError
 from pliant.identification.drives import at_rest
@@ -18,6 +20,7 @@ from pliant.identification.fit import FitResult, fit, predict_held_out
 from pliant.identification.identifiability import join_words
 from pliant.identification.parameters import Parameter
 from pliant.identification.problem import root_mean_square
+from pliant.options import with_defaults
 
 Array = np.ndarray
 Notify = Callable[[str], None]
@@ -26,12 +29,13 @@ EVALUATIONS, TOLERANCE = 60, 1e-4  # of a search; the change of the cost at whic
 LEAST_FRAMES = 10
 MOST_FACTOR = 4.0  # by which a positive parameter of the body may change
 STRAINED = 2.5  # standard deviations of the wide priors of the mounting
-RELEASED = 0.5  # of a parameter's size: standard deviation of a parameter of the body that is released
+MOST_JOINTS = 6  # of a chain whose joints are judged one by one
 LEAST_MOTION = 0.003  # of the body's length
 SEEN = 0.25  # of the prior's variance left, below which the recordings determine a direction of the mounting
 PLAIN = 1.15  # error before over error after: a smaller gain is no new mounting, whatever the statistics say
 CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
 TOO_CLOSE = 0.5  # of the earlier error: a smaller one means that the mounting took up errors of the model
+WORSE_REST = 1.05  # of the error on the rest of the day: a larger one refutes a change of the body
 TOLD = 0.05  # logarithm of a common factor on the gains, from which the verdict mentions it
 LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
 WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
@@ -125,9 +129,24 @@ def check_day(old: FitResult, day: DayParts) -> None:
                          "body's length; state more seconds, or use a recording in which the arm moves")  # fmt: skip
 
 
+class AdaptModelOptions(TypedDict, total=False):
+    """Keyword options of `adapt_model`, where they are documented."""
+
+    weighting: str
+    loss: str
+    kind: bool
+    usual: float | None
+    earlier: Callable[[], Sequence[Experiment]]
+    progress: Notify | None
+
+
+ADAPT_MODEL_OPTIONS: AdaptModelOptions = {
+    "weighting": "travel", "loss": "linear", "kind": False, "usual": None, "earlier": list, "progress": None,
+}
+
+
 def adapt_model(
-    old: FitResult, posterior: Posterior, day: DayParts, *, weighting: str = "travel", loss: str = "linear",
-    kind: bool = False, usual: float | None = None, progress: Notify | None = None,
+    old: FitResult, posterior: Posterior, day: DayParts, **options: Unpack[AdaptModelOptions],
 ) -> Adaptation:
     """Fit a known arm to the first seconds of another day, and judge what changed.
 
@@ -137,6 +156,9 @@ def adapt_model(
     recordings are followed less closely than the earlier ones, a parameter of the body that moves by more than four of
     its standard deviations is released from its prior, and the fit is repeated. So are all of them if the mounting
     moves farther than its priors allow.
+
+    Whether the body changed is judged by another fit, whose body is free (`body_change`). Parameters that changed are
+    released from their prior, unless the rest of the day is then predicted worse.
 
     Parameters
     ----------
@@ -152,6 +174,8 @@ def adapt_model(
         Whether the recordings are of another robot of the kind.
     usual : float, optional
         RMS error [m; angles: rad] of the earlier model; default: the median of its training recordings.
+    earlier : callable, optional
+        Returns recordings of the earlier fit, with which a change of the body is compared; default: none.
     progress : callable, optional
         Called with a line of text after each fit.
 
@@ -162,13 +186,48 @@ def adapt_model(
     FitError
         When the model cannot be simulated.
     """
-    notify = progress or (lambda _line: None)
+    how = with_defaults(adapt_model, options, ADAPT_MODEL_OPTIONS)
+    notify = how["progress"] or (lambda _line: None)
     check_day(old, day)
-    usual = usual_error(old) if usual is None else usual
-    options: dict[str, Any] = {
-        "weighting": weighting, "loss": loss, "time_step": old.time_step, "tolerance": TOLERANCE,
-        "least_error": least_error(usual, day, weighting),
+    usual = usual_error(old) if how["usual"] is None else how["usual"]
+    settings = partial(settings_of, old, how, usual)
+    result, released = fitted_in_rounds(old, posterior, day, settings(day), usual, notify)
+    change = BodyChange()
+    if not how["kind"]:
+        separate = by_joint(posterior, FROM_DAY_TO_DAY, MOST_JOINTS)
+
+        def fit_freed(part: DayParts) -> FitResult:
+            return fitted_day(separate, part, separate.prior.widened(freed(separate)), settings(part))
+
+        duration = sum(float(np.ptp(e.time)) for e in day.fitted)
+        change = body_change(separate, fit_freed(day), how["earlier"],
+                             lambda exp: fit_freed(parts_of_day([exp], duration)))  # fmt: skip
+        notify(f"adapt: {change.sentence}")
+        where = posterior if set(change.names) <= {*posterior.body.names, "stiffness"} else separate
+        names = {*released, *released_names(where, change.names)}
+        if names != set(released):
+            wide = where.prior.widened({n: v for n, v in (released | freed(where)).items() if n in names})
+            other = fitted_day(where, day, wide, settings(day))
+            if error_of_rest(other, day) > WORSE_REST * error_of_rest(result, day):
+                notify("adapt: with this change the rest of the day is predicted worse: it is none")
+                change = BodyChange(compared=change.compared)
+            else:
+                posterior, result = where, other
+    return judged(old, posterior, day, result, change, kind=how["kind"])
+
+
+def settings_of(old: FitResult, how: AdaptModelOptions, usual: float, day: DayParts) -> dict[str, Any]:
+    """Return the options of a fit to a day, for an earlier model whose RMS error [m; angles: rad] is `usual`."""
+    return {
+        "weighting": how["weighting"], "loss": how["loss"], "time_step": old.time_step, "tolerance": TOLERANCE,
+        "least_error": least_error(usual, day, how["weighting"]),
     }
+
+
+def fitted_in_rounds(
+    old: FitResult, posterior: Posterior, day: DayParts, options: dict[str, Any], usual: float, notify: Notify,
+) -> tuple[FitResult, dict[str, float]]:
+    """Return the fit to a day, and the variances (SI) of the parameters that it released from their prior, by name."""
     prior, released = posterior.prior, dict[str, float]()
     result = fitted_day(posterior, day, prior, options)
     if old.covariance and max(result.rmse.values()) < TOO_CLOSE * usual:
@@ -177,17 +236,16 @@ def adapt_model(
     for _ in range(MOST_ROUNDS):
         moves = body_moves(posterior, result)
         far = {n: abs(z) for n, z in moves.items() if abs(z) > FAR}
-        if not far and strained(all_moves(posterior, result, prior)):
+        if not far and strained(all_moves(posterior, result)):
             far = dict.fromkeys(moves, 1.0)
         far = {n: z for n, z in far.items() if n not in released}
         notify(f"adapt: {result.status}")
         if not far or within_usual(result, usual):
             break
-        sizes = {p.name: max(abs(p.value or 0.0), p.scale) for p in posterior.parameters}
-        released |= {n: (RELEASED * sizes[n]) ** 2 for n, z in far.items() if z > 0.5 * max(far.values())}
+        released |= {n: v for n, v in freed(posterior).items() if far.get(n, 0.0) > 0.5 * max(far.values())}
         notify(f"adapt: released from the earlier fit: {', '.join(released)}")
         result = fitted_day(posterior, day, prior.widened(released), options)
-    return judged(old, posterior, day, result, prior, kind=kind)
+    return result, released
 
 
 def usual_error(old: FitResult) -> float:
@@ -261,9 +319,9 @@ def body_moves(posterior: Posterior, result: FitResult) -> dict[str, float]:
     return {name: float((result.values[name] - mean - common) / std[name]) for name, mean, common in rows}
 
 
-def all_moves(posterior: Posterior, result: FitResult, prior: Any) -> tuple[Move, ...]:
+def all_moves(posterior: Posterior, result: FitResult) -> tuple[Move, ...]:
     """Return the moves of all free parameters from one day to the other, those of the mounting first."""
-    moved, std = body_moves(posterior, result), prior.std
+    moved, std = body_moves(posterior, result), posterior.prior.std
     rows = []
     for p in result.parameters:
         if not p.free or p.value is None or not (p.name in moved or of_mounting(p.name)) or p.prior is None:
@@ -281,27 +339,31 @@ def all_moves(posterior: Posterior, result: FitResult, prior: Any) -> tuple[Move
 
 
 def judged(
-    old: FitResult, posterior: Posterior, day: DayParts, result: FitResult, prior: Any, *, kind: bool,
+    old: FitResult, posterior: Posterior, day: DayParts, result: FitResult, change: BodyChange, *, kind: bool,
 ) -> Adaptation:
     """Return moves, errors and verdict of an adapted model."""
-    moves = all_moves(posterior, result, prior)
+    moves = all_moves(posterior, result)
     errors, travel = [], max(e.travel for e in (*day.fitted, *day.judged))  # a part may hold less motion than the day
     for exp in (*day.fitted, *day.judged):
         before = error_of(exp, old)
         after = result.rmse[exp.name] if exp.name in result.rmse else error_of(exp, result)
         errors.append(DayError(exp.name, "fitted" if exp in day.fitted else "judged", before, after, travel))
-    verdict, sentence = verdict_of(old, moves, errors, mounting_moved(moves, result), kind=kind)
-    return Adaptation(verdict, sentence, changed_body(moves), moves, tuple(errors), day.seconds, result)
-
-
-def changed_body(moves: Sequence[Move]) -> tuple[str, ...]:
-    """Return the parameters of the body that moved by more than four of their standard deviations."""
-    return tuple(m.name for m in moves if m.belongs == "body" and m.moved is not None and abs(m.moved) > FAR)
+    change = change._replace(names=released_names(posterior, change.names))
+    verdict, sentence = verdict_of(old, moves, errors, mounting_moved(moves, result), None if kind else change)
+    return Adaptation(verdict, sentence, change.names, moves, tuple(errors), day.seconds, result)
 
 
 def error_of(exp: Experiment, result: FitResult) -> float:
     """Return the RMS error [m; angles: rad] of a recording under a fitted model, with its own edge times fitted."""
     return root_mean_square(predict_held_out(exp, result)[0]["compared"], exp.compared)
+
+
+def error_of_rest(result: FitResult, day: DayParts) -> float:
+    """Return the mean error of a fit on the recordings that judge it, as a fraction of their peak displacements; 0 if
+    there are none.
+    """
+    errors = [error_of(e, result) / max(e.travel, 1e-12) for e in day.judged]
+    return float(np.mean(errors)) if errors else 0.0
 
 
 def mounting_moved(moves: Sequence[Move], result: FitResult) -> str:
@@ -330,26 +392,23 @@ def mounting_moved(moves: Sequence[Move], result: FitResult) -> str:
 
 
 def verdict_of(
-    old: FitResult, moves: Sequence[Move], errors: Sequence[DayError], mounting: str, *, kind: bool,
+    old: FitResult, moves: Sequence[Move], errors: Sequence[DayError], mounting: str, change: BodyChange | None,
 ) -> tuple[Verdict, str]:
     """Return the verdict on an arm of another day, and a sentence with the reason. `mounting` is a phrase on the
-    parameters of the mounting that moved, '' for none.
+    parameters of the mounting that moved, '' for none; `change` that of the body, None for another robot of the kind.
     """
-    changed = changed_body(moves)
     fitted = max(e.after / e.travel for e in errors if e.role == "fitted")
-    body = [m for m in moves if m.belongs == "body"]
     usual = max(old.rmse.values(), default=0.0) / max(e.travel for e in errors)
     lost = fitted > LOST or (usual > 0 and fitted > max(0.1, WORSE * usual))
-    if kind and not lost:
+    if change is None and not lost:
         return "another of the kind", "Another robot of the kind: its body is fitted within the spread of the kind."
-    if lost or (len(changed) > 2 and len(changed) > 0.5 * len(body)):
+    if change is None or lost or change.most:
         reason = (f"its error on the fitted seconds stays at {100 * fitted:.2g} % of the peak displacement" if lost else
-                  f"{len(changed)} of {len(body)} parameters of the body moved by more than {FAR:g} of their old "
-                  "standard deviations")  # fmt: skip
+                  "most parameters of the body changed")  # fmt: skip
         return "another arm", f"Another arm: {reason}. Identify it anew, from these start values."
-    if changed:
-        listed = join_words([m.sentence for m in moves if m.name in changed])
-        return "changed body", f"The body changed: {listed}."
+    if change.names:
+        listed = join_words([m.sentence for m in moves if m.name in change.names])
+        return "changed body", f"The body changed: {listed}.{change.caution}"
     better = sum(e.before for e in errors) > PLAIN * sum(e.after for e in errors)
     if mounting and better:
         moved = f"The same arm, mounted anew: {mounting} moved; no parameter of the body did."

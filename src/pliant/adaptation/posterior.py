@@ -154,3 +154,36 @@ def of_a_kind(robots: Sequence[Posterior], spread: float) -> Posterior:
         p.with_(value=placed[p.name]) if p.name in body.names else p.with_(free=False) if p.free else p
         for p in first.parameters
     ))  # fmt: skip
+
+
+def joints_of(model: Model) -> list[str]:
+    """Return the names of the stiffnesses of a model's joints."""
+    return [f"stiffness_{k + 1}" for k in range(model.n)]
+
+
+def by_joint(posterior: Posterior, spread: float, most: int) -> Posterior:
+    """Return what is known about the body with a stiffness of each joint in place of a common one; the same if the
+    stiffness is not free, or a chain has one joint or more than `most`.
+
+    `spread` is the standard deviation of a joint's stiffness about the common one, as a fraction.
+    """
+    names, stiffness = posterior.body.names, posterior.model.stiffness
+    if "stiffness" not in names or not 1 < posterior.model.n <= most:
+        return posterior
+    k, joints = names.index("stiffness"), joints_of(posterior.model)
+    rows = np.r_[np.arange(k), np.full(len(joints), k), np.arange(k + 1, len(names))]
+    there = slice(k, k + len(joints))
+    ratio = np.ones(rows.size)
+    ratio[there] = stiffness / posterior.body.mean[k]
+    own = np.zeros(rows.size)
+    own[there] = (spread * stiffness) ** 2
+
+    def widened(matrix: Array) -> Array:
+        return np.asarray(np.outer(ratio, ratio) * matrix[np.ix_(rows, rows)])
+
+    (common,) = (p for p in posterior.parameters if p.name == "stiffness")
+    separate = [Parameter(n, float(v)) for n, v in zip(joints, stiffness, strict=True)]
+    body = replace(posterior.body, names=(*names[:k], *joints, *names[k + 1:]), mean=ratio * posterior.body.mean[rows],
+                   covariance=widened(posterior.body.covariance) + np.diag(own))  # fmt: skip
+    return replace(posterior, body=body, between=None if posterior.between is None else widened(posterior.between),
+                   parameters=(*(p for p in posterior.parameters if p is not common), *separate))  # fmt: skip

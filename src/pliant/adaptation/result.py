@@ -11,7 +11,7 @@ from pliant.identification.fit import FitResult
 from pliant.plain import by_name, plain, record_of, records_of
 
 Verdict = Literal["same arm", "re-mounted", "changed body", "another arm", "another of the kind"]
-FAR = 4.0  # standard deviations: a larger move of a parameter of the body is a change of the body
+FAR = 4.0  # standard deviations: a larger move of a parameter of the body may be a change of the body
 
 
 class Move(NamedTuple):
@@ -81,7 +81,7 @@ class Adaptation(Shown):
     sentence : str
         The verdict with its reason.
     changed : tuple of str
-        Parameters of the body that moved by more than four of their standard deviations.
+        Parameters of the body that changed (`pliant.adaptation.change.body_change`).
     moves : tuple of Move
         All parameters, those of the mounting first.
     errors : tuple of DayError

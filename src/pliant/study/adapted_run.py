@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -13,6 +14,7 @@ import numpy as np
 from pliant.adaptation import Adaptation, posterior_of
 from pliant.errors import InputError
 from pliant.files import output_folder
+from pliant.identification import Experiment
 from pliant.options import with_defaults
 from pliant.study.another_day import Robot, adapted_fits, learning_of, signs_of
 from pliant.study.body import reduced_recording
@@ -100,7 +102,8 @@ def adapt(
         raise InputError(f"{lost[0]}; use a recording in which the arm moves")
     name = "adapted"
     learning = learning_of(study, loaded[0][0])
-    fits, adaptation = adapted_fits(name, entry, robots, ready.experiments, notify, learning)
+    earlier = partial(earlier_recordings, study, learning.train, notify)
+    fits, adaptation = adapted_fits(name, entry, robots, ready.experiments, notify, learning, earlier)
     with output_folder(folder) as target:
         whole = study.model_copy(update={"recordings": {**study.recordings, **new}, "adapt": [*study.adapt, entry]})
         outcome = outcome_of_day(whole, ready, fits, {name: adaptation}, sources)
@@ -160,6 +163,16 @@ def study_of_day(study: Study, new: Mapping[str, Recording]) -> Study:
         "recordings": {first: study.recordings[first], **new}, "fits": {}, "model_selection": None, "forecasts": {},
         "wiring": None, "adapt": [],
     })  # fmt: skip
+
+
+def earlier_recordings(study: Study, names: Sequence[str], notify: Notify) -> list[Experiment]:
+    """Return the recordings of an earlier fit; none, with a warning, if their files cannot be read any more."""
+    try:
+        ready = prepare_all(study_of_day(study, {n: study.recordings[n] for n in names}), notify)
+    except InputError as error:
+        notify(f"warning: the recordings of the earlier fit cannot be read: {error}")
+        return []
+    return [ready.experiments[n] for n in names if n in ready.experiments]
 
 
 def outcome_of_day(

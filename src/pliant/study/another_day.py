@@ -41,15 +41,18 @@ class Robot:
 
 def adapted_fits(
     name: str, entry: AdaptEntry, robots: Sequence[Robot], experiments: Mapping[str, Experiment], notify: Notify,
-    learning: Fit | SelectionEntry,
+    learning: Fit | SelectionEntry, earlier: Callable[[], Sequence[Experiment]],
 ) -> tuple[tuple[FitOutcome, FitOutcome], Adaptation]:
-    """Adapt a model to another day; return the adapted fit, the earlier one on that day, and the adaptation."""
+    """Adapt a model to another day; return the adapted fit, the earlier one on that day, and the adaptation.
+
+    `earlier` returns recordings of the earlier fit, if a change of the body is to be compared with them.
+    """
     began, old = clock.perf_counter(), robots[0]
     posterior = of_a_kind([r.posterior for r in robots], entry.spread) if entry.of_a_kind else old.posterior
     day = parts_of_day([experiments[r] for r in entry.recordings], entry.seconds)
     adaptation = adapt_model(
         old.result, posterior, day, weighting=learning.weighting, loss=learning.loss, kind=entry.of_a_kind,
-        usual=old.usual, progress=notify,
+        usual=old.usual, earlier=earlier, progress=notify,
     )
     notify(f"{name}: {adaptation.sentence}")
     failures = Failures(name, notify)
@@ -101,7 +104,9 @@ def run_days(
             robot = Robot(start.result, posterior_of(start.result, set(study.recordings)), start.title,
                           errors_of_held_out(start))  # fmt: skip
             learning = learning_of(study, start.name)
-            outcomes, adaptations[name] = adapted_fits(name, entry, [robot], experiments, notify, learning)
+            earlier = [experiments[r] for r in learning.train if r in experiments]
+            outcomes, adaptations[name] = adapted_fits(name, entry, [robot], experiments, notify, learning,
+                                                       partial(list, earlier))  # fmt: skip
         except FAILED as error:
             failed.append(fit_failure(name, error))
             notify(f"warning: {failed[-1].sentence}")

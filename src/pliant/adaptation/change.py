@@ -1,0 +1,194 @@
+"""Whether the body of an arm changed: a fit whose body is free, against the same fits of the earlier recordings.
+
+A model that lacks something finds another body in each recording, and a mounting that is free takes up a part of what
+it lacks. Both show in the recordings of the earlier day when they are fitted one at a time as the new day is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pliant.adaptation.posterior import Posterior, joints_of
+from pliant.adaptation.result import FAR
+from pliant.failures import FAILED
+from pliant.identification.experiment import Experiment
+from pliant.identification.fit import FitResult
+from pliant.identification.identifiability import join_words
+from pliant.shapes import Float
+
+Array = np.ndarray
+SUSPECT = 2.0  # standard deviations, from which a change is compared with the earlier recordings
+MOST_EARLIER = 6  # recordings that are fitted for this comparison
+RELEASED = 0.5  # of a parameter's size: standard deviation of a parameter of the body that is released
+
+
+class BodyChange(NamedTuple):
+    """What a fit with a free body says about it.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters that changed; "stiffness" for that of every joint.
+    most : bool
+        Whether more than two, and more than half of all parameters, changed.
+    compared : int
+        Number of earlier recordings with which the change was compared; -1 if nothing called for it.
+    """
+
+    names: tuple[str, ...] = ()
+    most: bool = False
+    compared: int = -1
+
+    @property
+    def sentence(self) -> str:
+        """Return what was compared, and what changed, as a sentence."""
+        alike = "" if self.compared < 0 else f", compared with {self.compared} earlier recordings fitted alike"
+        return f"a fit with a free body{alike}: {join_words(self.names) if self.names else 'no parameter'} changed"
+
+    @property
+    def caution(self) -> str:
+        """Return a sentence that says so if a change could not be compared with earlier recordings; '' otherwise."""
+        return "" if self.compared else (" The earlier recordings cannot be read to compare with them: errors of the "
+                                         "model's form may look like a change.")  # fmt: skip
+
+
+def sizes_of(posterior: Posterior) -> dict[str, float]:
+    """Return the size (SI) of each parameter of the body, by name: its value, at least its typical scale."""
+    return {p.name: max(abs(p.value or 0.0), p.scale) for p in posterior.parameters}
+
+
+def freed(posterior: Posterior) -> dict[str, float]:
+    """Return the variances (SI) that free all parameters of the body from their prior, by name."""
+    sizes = sizes_of(posterior)
+    return {name: (RELEASED * sizes[name]) ** 2 for name in posterior.body.names}
+
+
+def body_change(
+    posterior: Posterior, day: FitResult, earlier: Callable[[], Sequence[Experiment]],
+    fit_alike: Callable[[Experiment], FitResult],
+) -> BodyChange:
+    """Return which parameters of the body changed.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        What earlier fits say about the body.
+    day : FitResult
+        The new day, fitted with a free body.
+    earlier : callable
+        Returns recordings of the earlier fit. It is called only if a parameter seems to have changed.
+    fit_alike : callable
+        Fits one of them as the day was.
+    """
+    names = posterior.body.names
+    move, doubt = move_of(posterior, day), posterior.prior.covariance + covariance_of(names, day)
+    directions = directions_of(posterior)
+    if not stepwise(move, doubt, directions, SUSPECT):
+        return BodyChange()
+    moves = []
+    for exp in spaced(earlier(), MOST_EARLIER):
+        try:
+            moves.append(move_of(posterior, fit_alike(exp)))
+        except FAILED:  # such as a recording whose first seconds hold no motion
+            continue
+    if not moves:
+        far = np.abs(move) > FAR * np.sqrt(np.diag(doubt))
+        return BodyChange(tuple(n for n, f in zip(names, far, strict=True) if f), majority(far), 0)
+    shift, scatter = shift_and_scatter(np.array(moves))
+    total = doubt + scatter
+    far = np.abs(move - shift) > FAR * np.sqrt(np.diag(total))
+    return BodyChange(stepwise(move - shift, total, directions, FAR), majority(far), len(moves))
+
+
+def majority(far: Array) -> bool:
+    """Return whether more than two, and more than half, are True."""
+    return bool(far.sum() > max(2, 0.5 * far.size))
+
+
+def spaced(recordings: Sequence[Experiment], most: int) -> list[Experiment]:
+    """Return at most `most` recordings, evenly spaced."""
+    if len(recordings) <= most:
+        return list(recordings)
+    return [recordings[int(k)] for k in np.linspace(0, len(recordings) - 1, most)]
+
+
+def move_of(posterior: Posterior, result: FitResult) -> Array:
+    """Return how far a fit moved the P parameters of the body (P,), SI."""
+    return np.array([result.values[n] for n in posterior.body.names]) - posterior.body.mean
+
+
+def covariance_of(names: Sequence[str], result: FitResult) -> Array:
+    """Return the covariance (P, P) of P parameters of a fit, errors of the model's form included, SI; 0 if unknown."""
+    covariance = result.covariance
+    if covariance is None:
+        return np.zeros((len(names), len(names)))
+    index = [covariance.names.index(n) for n in names]
+    return np.asarray(covariance.total[np.ix_(index, index)])
+
+
+def shift_and_scatter(moves: Float[Array, "K P"]) -> tuple[Array, Array]:
+    """Return the mean (P,) of the moves in K earlier recordings, and the covariance (P, P) of another recording's move
+    about it. A single recording shows no scatter; its whole move then counts as such.
+    """
+    count, mean = len(moves), moves.mean(axis=0)
+    if count == 1:
+        return mean, np.outer(mean, mean)
+    away = moves - mean
+    return mean, (1.0 + 1.0 / count) * away.T @ away / (count - 1)
+
+
+def directions_of(posterior: Posterior) -> dict[str, Array]:
+    """Return the changes (P,) of the body's parameters among which a change is sought, by name: each parameter alone,
+    and the stiffness of all joints together.
+    """
+    names = posterior.body.names
+    sizes = np.where(posterior.body.mean == 0.0, 1.0, np.abs(posterior.body.mean))
+    directions = dict(zip(names, np.diag(sizes), strict=True))
+    joints = [n for n in joints_of(posterior.model) if n in names]
+    if len(joints) > 1:
+        directions["stiffness"] = np.sum([directions[n] for n in joints], axis=0)
+    return directions
+
+
+def stepwise(move: Array, covariance: Array, directions: Mapping[str, Array], least: float) -> tuple[str, ...]:
+    """Return the names of the fewest directions (P,) that explain a move (P,) with the given covariance (P, P).
+
+    The direction that explains most is added as long as it explains more than `least` standard deviations. Then each is
+    dropped without which the others explain as much. Directions A explain b' (A' W A)^-1 b with b = A' W move and the
+    inverse covariance W: the fall of the generalised sum of squares of what is left of the move.
+    """
+    size = np.sqrt(np.diag(covariance))
+    W = np.linalg.inv(covariance / np.outer(size, size))
+    units = {n: u / size / np.linalg.norm(u / size) for n, u in directions.items()}
+
+    def explained(names: Sequence[str]) -> float:
+        if not names:
+            return 0.0
+        A = np.stack([units[n] for n in names], axis=1)
+        b = A.T @ W @ (move / size)
+        return float(b @ np.linalg.lstsq(A.T @ W @ A, b, rcond=1e-9)[0])
+
+    chosen: list[str] = []
+    while len(chosen) < len(move):
+        gains = {n: explained([*chosen, n]) - explained(chosen) for n in units if n not in chosen}
+        best = max(gains, key=gains.__getitem__)
+        if gains[best] <= least**2:
+            break
+        chosen.append(best)
+    for name in tuple(chosen):
+        others = [n for n in chosen if n != name]
+        if explained(chosen) - explained(others) <= least**2:
+            chosen = others
+    return tuple(chosen)
+
+
+def released_names(posterior: Posterior, changed: Sequence[str]) -> tuple[str, ...]:
+    """Return the parameters of the body whose change the names stand for: of "stiffness" those of all joints, where
+    each joint has its own.
+    """
+    names = posterior.body.names
+    every = [n for n in joints_of(posterior.model) if n in names] if "stiffness" in changed else []
+    return tuple(n for n in names if n in changed or n in every)

@@ -1,0 +1,123 @@
+"""Changes of the body against closed forms of linear Gaussian problems."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pliant.adaptation.change import BodyChange, body_change, shift_and_scatter, stepwise
+from pliant.adaptation.posterior import Posterior, by_joint
+from pliant.errors import InputError
+from pliant.identification import Parameter
+from pliant.identification.joint_prior import JointPrior
+from pliant.model import chain_model
+
+JOINTS = ("stiffness_1", "stiffness_2", "stiffness_3")
+
+
+def posterior(names: tuple[str, ...] = (*JOINTS, "damping"), std: float = 0.02) -> Posterior:
+    model = chain_model(length=0.2, mass=0.1, links=3, stiffness=[1.0, 2.0, 4.0], damping=0.1, torque=[1e-6])
+    means = {"stiffness": 2.0, **dict(zip(JOINTS, (1.0, 2.0, 4.0), strict=True)), "damping": 0.1}
+    mean = np.array([means[n] for n in names])
+    return Posterior(model, tuple(Parameter(n, m) for n, m in zip(names, mean, strict=True)),
+                     JointPrior(names, mean, np.diag((std * mean) ** 2)), {}, {})  # fmt: skip
+
+
+def fitted(known: Posterior, factors: dict[str, float], std: float = 0.03) -> SimpleNamespace:
+    """The result of a fit with a free body."""
+    names, mean = known.body.names, known.body.mean
+    values = {n: m * factors.get(n, 1.0) for n, m in zip(names, mean, strict=True)}
+    return SimpleNamespace(values=values,
+                           covariance=SimpleNamespace(names=names, total=np.diag((std * mean) ** 2)))  # fmt: skip
+
+
+def test_one_direction_explains_what_it_caused_in_a_generalised_sense(rng):
+    root = rng.normal(size=(4, 4))
+    covariance = root @ root.T + 0.1 * np.eye(4)
+    units = dict(zip("abcd", np.eye(4), strict=True))
+    move = 50.0 * units["c"]
+    assert stepwise(move, covariance, units, 4.0) == ("c",)
+    W = np.linalg.inv(covariance)
+    explained = (W @ move)[2] ** 2 / W[2, 2]
+    assert explained == pytest.approx(move @ W @ move)
+    assert stepwise(move, covariance, units, np.sqrt(explained) + 1e-6) == ()
+    assert set(stepwise(move - 40.0 * units["a"], covariance, units, 4.0)) == {"a", "c"}
+
+
+def test_a_direction_is_dropped_that_others_explain_as_well():
+    units = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "both": np.array([1.0, 1.0, 0.1])}
+    move = np.array([10.0, 9.0, 0.0])  # "both" explains most, then x and y leave nothing to it
+    assert set(stepwise(move, np.eye(3), units, 0.5)) == {"x", "y"}
+
+
+def test_shift_and_scatter_of_earlier_recordings(rng):
+    moves = rng.normal(size=(200, 3)) @ np.diag([1.0, 2.0, 0.5]) + np.array([3.0, 0.0, -1.0])
+    shift, scatter = shift_and_scatter(moves)
+    np.testing.assert_allclose(shift, [3.0, 0.0, -1.0], atol=0.5)
+    np.testing.assert_allclose(scatter, (1 + 1 / 200) * np.cov(moves.T), rtol=1e-9)
+    shift, scatter = shift_and_scatter(moves[:1])
+    np.testing.assert_allclose(scatter, np.outer(moves[0], moves[0]))
+
+
+def test_a_body_like_the_earlier_one_is_not_compared():
+    known = posterior()
+
+    def never() -> list[object]:
+        raise AssertionError("nothing calls for the earlier recordings")
+
+    assert body_change(known, fitted(known, {"damping": 1.02}), never, never) == BodyChange()
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.4])
+def test_the_joint_that_changed_is_named(factor):
+    known = posterior()
+    day = fitted(known, {"stiffness_2": factor})
+    earlier = iter([{"stiffness_3": 1.05}, {"stiffness_3": 1.1}, {"stiffness_3": 1.08}])
+    found = body_change(known, day, lambda: [0, 1, 2], lambda _exp: fitted(known, next(earlier)))
+    assert found == BodyChange(("stiffness_2",), most=False, compared=3)
+
+
+def test_what_earlier_recordings_show_too_is_no_change_of_the_body():
+    known = posterior()
+    day = fitted(known, {"stiffness_1": 0.8, "damping": 1.3})
+    earlier = iter([{"stiffness_1": s, "damping": d} for s, d in ((0.82, 1.25), (0.78, 1.3), (0.81, 1.33))])
+    found = body_change(known, day, lambda: [0, 1, 2], lambda _exp: fitted(known, next(earlier)))
+    assert found == BodyChange((), most=False, compared=3)
+
+
+def test_without_earlier_recordings_the_verdict_says_so():
+    known = posterior()
+    found = body_change(known, fitted(known, {"stiffness_2": 0.6}), list, lambda _exp: None)
+    assert (found.names, found.compared) == (("stiffness_2",), 0)
+    assert "cannot be read" in found.caution
+
+    def still(_exp):
+        raise InputError("holds no motion")
+
+    assert body_change(known, fitted(known, {"stiffness_2": 0.6}), lambda: [0], still).compared == 0
+
+
+def test_all_joints_together_are_one_change_and_most_parameters_another_arm():
+    known = posterior()
+    alike = dict.fromkeys(JOINTS, 1.4)
+    found = body_change(known, fitted(known, alike), list, lambda _exp: None)
+    assert found.most
+    day = fitted(known, alike)
+    found = body_change(known, day, lambda: [0, 1], lambda _exp: fitted(known, {}))
+    assert found.names == ("stiffness",)
+
+
+def test_a_common_stiffness_is_split_into_those_of_the_joints():
+    known = posterior(("stiffness", "damping"), std=0.1)
+    split = by_joint(known, 0.02, 6)
+    assert split.body.names == (*JOINTS, "damping")
+    np.testing.assert_allclose(split.body.mean, [1.0, 2.0, 4.0, 0.1])
+    stiffness = np.array([1.0, 2.0, 4.0])
+    expected = 0.1**2 * np.outer(stiffness, stiffness) + np.diag((0.02 * stiffness) ** 2)
+    np.testing.assert_allclose(split.body.covariance[:3, :3], expected)
+    assert [p.name for p in split.parameters] == ["damping", *JOINTS]
+    assert by_joint(known, 0.02, 2) is known  # more joints than are judged one by one
+    assert by_joint(replace(known, body=known.body.of(["damping"])), 0.02, 6).body.names == ("damping",)
