@@ -131,7 +131,10 @@ def actuator(
         out.put("diameter", diameter, "m, outer, as you stated: used to check density, modulus and torque")
     else:
         out.propose("diameter", 0.03, "m, outer: remove the first # if you know it: for checks of density and modulus")
-    if trial.angles_only:
+    if one_angle(inspected):
+        out.put("links", 3, "one angle shows no more than an even bend")
+        out.put("joint_placement", "midsegment")
+    elif trial.angles_only:
         out.propose("links", 2, "default: one for each angle, as many as angles can determine")
     elif not trial.dense and not trial.options and trial.recording.sizes["station"] == 1 and not trial.tendon_inputs:
         out.put("links", 3, "one tracked point shows no more than an even bend")
@@ -140,6 +143,11 @@ def actuator(
         out.put("links", LINKS)
         out.put("joint_placement", "midsegment", "five links then have the frequency of a continuous beam to 1 %")
     out.propose("tip_mass", 0.006, "kg, a cap or a load at the tip: remove the first # if there is one")
+
+
+def one_angle(inspected: Inspected) -> bool:
+    """Return whether the recordings hold the angle of a single station, in a plane, and no positions."""
+    return all(t.angles_only and t.recording.sizes["station"] == 1 for t in inspected.trials) and not inspected.space
 
 
 def space_entry(out: Lines, inspected: Inspected) -> None:
@@ -280,6 +288,8 @@ def selection(out: Lines, inspected: Inspected) -> None:
         out.put("held_out", held_out, "no part in the choice; the report judges how the model predicts this")
     else:
         out.say('to test the prediction, make one more recording and name it here: held_out = ["another"]')
+    if one_angle(inspected):
+        out.put("without", ["joints"], "all joints are alike: one angle does not show how they differ")
     out.put("minutes", MINUTES, "time limit: when it is reached, the best model so far is the result")
     if common := common_parameters(inspected):
         out.table("model_selection.common")

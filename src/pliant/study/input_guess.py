@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.recording.column_names import AMBIENT, NOT_INSIDE, bracketed_unit, unit_of, words_of
+from pliant.recording.column_names import AMBIENT, NOT_INSIDE, PRESSED, bracketed_unit, unit_of, words_of
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import PlainTable
 from pliant.units import METRE, NEWTON, PASCAL, RADIAN, absolute_unit, pascal_per
@@ -31,6 +31,7 @@ VALVES = {*WORDS["pressure"], "p", "solenoid", "pwm", "duty", "regulator", "pump
 ABSOLUTES = {"abs", "absolute"}
 PERCENT = {"%", "percent", "pct"}  # of a valve's duty or opening, which is 0 without pressure
 COUNTED = {"v", "volt", "volts", "mv", "ma", "counts", "count", "adc", "dac", "raw", "bit", "bits", "lsb"}
+RATES = {"q", "r"}  # names of rates of turning, beside which p is another
 ZERO = "the reading at rest at atmospheric pressure"
 VARIES = 0.2  # of its largest value: the air around a body varies less
 RAW, ABSOLUTE = "raw", "absolute"  # kinds of columns that become gauge pressures by numbers that a laboratory knows
@@ -47,16 +48,26 @@ def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
     if raw is not None:
         return raw
     for kind, units in UNITS.items():
-        if len(words) > 1 and (unit := unit_of(name, units)) and (unit != "m" or kind == "displacement"):
+        stated = unit_of(name, units) if len(words) > 1 else ""
+        unit = pressure_unit_among(words) if kind == "pressure" and not stated else stated
+        if unit and (unit != "m" or kind == "displacement"):
             return kind, unit
-        if len(words) <= 2 and words and words[0] in units and kind == "pressure":
-            return kind, words[0]
+    if PRESSED.fullmatch(name) and not RATES & {other.lower() for other in table.names}:
+        return "pressure", ""
     if DEGREES & set(words) and np.nanmax(np.abs(table.values[:, k])) <= TWO_TURNS:
         return "angle", ""
     for kind, known in WORDS.items():
         if known & set(words) and (kind != "steps" or table.whole(k)):
             return ("steps" if table.whole(k) and kind in ("angle", "displacement") else kind), ""
     return "", ""
+
+
+def pressure_unit_among(words: Sequence[str]) -> str:
+    """Return the unit of pressure that is one of the words of a name such as /chamber_kpa/data; "" for none or several,
+    and for atm, which may say the atmosphere.
+    """
+    units = {word for word in words if word in PASCAL and word != "atm"}
+    return units.pop() if len(units) == 1 else ""
 
 
 def pneumatic(table: PlainTable, k: int) -> tuple[str, str] | None:
@@ -67,7 +78,8 @@ def pneumatic(table: PlainTable, k: int) -> tuple[str, str] | None:
     words = [part for word in words_of(name) for part in (word, word.rstrip("0123456789"))]
     stated = bracketed_unit(name)
     of_pressure = unit_of(name, PASCAL) or next((w for w in words if w in PASCAL and w != "atm"), "")
-    if unit := absolute_unit(stated) or (of_pressure if ABSOLUTES & set(words) else ""):
+    absolute = next((unit for word in words_of(name) if word not in PASCAL and (unit := absolute_unit(word))), "")
+    if unit := absolute_unit(stated) or absolute or (of_pressure if ABSOLUTES & set(words) else ""):
         return ABSOLUTE, unit
     if of_pressure or not VALVES & set(words):
         return None
