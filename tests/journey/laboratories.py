@@ -183,7 +183,8 @@ def sessions(folder: Path) -> Laboratory:
         "stations": {s: {"position": [f"{a}_{s}" for a in "xyz"]} for s in ("base", "tip")}}  # fmt: skip
     study = {"actuator": {**BODY, "space": True, "tendons": tendons, "stations": [{"name": "tip", "at": LENGTH}]},
              "alignment": {"options": {**MOUNTED, "plane": ROOM.apply([1.0, 0.0, 0.0]).tolist(), "rest": [0.0, 0.0]}},
-             "mapping": mapping, "parameters": ["stiffness"], "recordings": {"all": {"poses": True}}}  # fmt: skip
+             "mapping": mapping, "parameters": ["stiffness"],
+             "recordings": {"all": {"poses": True, "drive": {f"u{c}": f"u{c}" for c in range(3)}}}}  # fmt: skip
     return Laboratory(files, tables, study)
 
 

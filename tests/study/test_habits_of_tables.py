@@ -133,3 +133,25 @@ def test_left_handed_axes_are_refused_for_angles(tmp_path):
     path = written(tmp_path / "a.csv", ["t", "angle", "p_kPa"], TIMES, KPA, KPA)
     with pytest.raises(InputError, match="left_handed is for positions"):
         read(path, mapping={"time": "t", "angles": {"tip": "angle"}, "angle_unit": "deg", "left_handed": True})
+
+
+@pytest.mark.parametrize(("unit", "newton"), [("g", 9.80665e-3), ("kg", 9.80665), ("N", 1.0), ("lb", 4.4482216)])
+def test_load_cells_in_units_of_weight_become_newtons(tmp_path, unit, newton):
+    path = written(tmp_path / "a.csv", ["t", *AXES, f"tendon load ({unit})"], TIMES, BASE, TIP, KPA)
+    guess = guessed_table(path)
+    pulled = read(path, mapping=guess.neutral)["actuation"].values[:, 0]
+    np.testing.assert_allclose(pulled, newton * KPA, rtol=1e-6)
+
+
+def test_an_input_in_the_unit_of_another_quantity_is_not_used(tmp_path):
+    path = written(tmp_path / "a.csv", ["t", *AXES, "tendon [Ohm]"], TIMES, BASE, TIP, 1.013 * KPA)
+    guess = guessed_table(path)
+    assert "inputs" not in guess.mapping
+    assert any("not used: tendon [Ohm]" in note for note in guess.notes)
+
+
+@pytest.mark.parametrize(("begin", "zero"), [(0, None), (2048, [2048.0])])
+def test_positions_of_servos_count_from_their_first_rows(tmp_path, begin, zero):
+    path = written(tmp_path / "a.csv", ["t", *AXES, "dxl1_present_position"], TIMES, BASE, TIP, begin + np.round(KPA))
+    entry = guessed_table(path).mapping["inputs"][0]
+    assert (entry["kind"], entry.get("zero")) == ("displacement", zero)

@@ -22,7 +22,7 @@ WORDS = {
     "tension": {"tension", "force", "load"},
     "steps": {"step", "steps", "stepper", "count", "counts", "tick", "ticks"},
     "displacement": {"tendon", "cable", "wire", "stroke", "displacement", "pull", "elongation"},
-    "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo"},
+    "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo", "dxl", "dynamixel"},
 }  # fmt: skip
 DEFAULT_UNITS = {"angle": "deg", "displacement": "mm", "tension": "N"}
 DEGREES, TWO_TURNS = {"angle", "theta", "phi", "servo"}, 720.0  # names of angles, which may be whole degrees
@@ -34,6 +34,8 @@ COUNTED = {"v", "volt", "volts", "mv", "ma", "counts", "count", "adc", "dac", "r
 RATES = {"q", "r"}  # names of rates of turning, beside which p is another
 ZERO = "the reading at rest at atmospheric pressure"
 VARIES = 0.2  # of its largest value: the air around a body varies less
+WEIGHED = {"g": "gf", "gram": "gf", "grams": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}  # of load cells
+FIRST = 5  # rows in which a motor has not moved
 RAW, ABSOLUTE = "raw", "absolute"  # kinds of columns that become gauge pressures by numbers that a laboratory knows
 
 
@@ -56,9 +58,21 @@ def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
         return "pressure", ""
     if DEGREES & set(words) and np.nanmax(np.abs(table.values[:, k])) <= TWO_TURNS:
         return "angle", ""
+    return named_input(table, k, words)
+
+
+def named_input(table: PlainTable, k: int, words: Sequence[str]) -> tuple[str, str]:
+    """Return the kind, and the unit of a load cell, of the input that the words of the name of a column k say; ("", "")
+    if there is none, or its unit is that of another quantity.
+    """
+    stated, whole = bracketed_unit(table.names[k]), table.whole(k)
     for kind, known in WORDS.items():
-        if known & set(words) and (kind != "steps" or table.whole(k)):
-            return ("steps" if table.whole(k) and kind in ("angle", "displacement") else kind), ""
+        if not known & set(words) or (kind == "steps" and not whole):
+            continue
+        if whole and kind in ("steps", "angle", "displacement"):
+            return "steps", ""
+        if not stated or (kind == "tension" and stated in WEIGHED):
+            return kind, WEIGHED.get(stated, "")
     return "", ""
 
 
@@ -164,7 +178,12 @@ def input_entry(table: PlainTable, members: Sequence[int], kind: str, unit: str)
     """Return an entry of `inputs` for columns of one kind, and a sentence if their unit was assumed."""
     names = [table.names[k] for k in members]
     if kind == "steps":
-        return {"columns": names, "kind": "displacement", "unit": "mm"}, ""
+        first, width = np.nanmedian(table.values[:FIRST, members], axis=0), np.ptp(table.values[:, members], axis=0)
+        entry = {"columns": names, "kind": "displacement", "unit": "mm"}
+        if not (np.abs(first) > width).any():
+            return entry, ""
+        note = f"{', '.join(names)}: counted from their first rows, far from 0; correct zero if they pull then"
+        return entry | {"zero": first.tolist()}, note
     if unit:
         return {"columns": names, "kind": kind, "unit": unit}, ""
     widest = float(np.nanmax(np.abs(table.values[:, list(members)])))
