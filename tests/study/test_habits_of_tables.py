@@ -155,3 +155,37 @@ def test_positions_of_servos_count_from_their_first_rows(tmp_path, begin, zero):
     path = written(tmp_path / "a.csv", ["t", *AXES, "dxl1_present_position"], TIMES, BASE, TIP, begin + np.round(KPA))
     entry = guessed_table(path).mapping["inputs"][0]
     assert (entry["kind"], entry.get("zero")) == ("displacement", zero)
+
+
+def test_components_of_curvature_are_recognised(tmp_path):
+    """An even bend of 0.1 m with 3 and 4 1/m reaches as far across as a circle of 5 1/m."""
+    arcs = [f"{s:g} mm" for s in range(0, 101, 20)]
+    names = ["t", *(f"K{axis} {s} (1/m)" for axis in "xy" for s in arcs), "p_kPa"]
+    flat = np.ones((len(TIMES), len(arcs)))
+    path = written(tmp_path / "a.txt", names, TIMES, 3.0 * flat, 4.0 * flat, KPA, delimiter="\t")
+    guess = guessed_table(path)
+    assert guess.mapping["components"] == ["Kx ", "Ky "]
+    tip = drafted(path).inspected.first.recording["position"].values[0, -1]
+    assert np.hypot(tip[0], tip[2]) == pytest.approx((1 - np.cos(0.5)) / 5.0, rel=1e-3)
+
+
+def test_a_shape_from_tip_to_base_is_turned_round(tmp_path):
+    share = np.linspace(1.0, 0.0, 13)
+    places = [BASE + s * (TIP - BASE) for s in share]
+    names = [f"{axis}{k}" for k in range(1, 14) for axis in "xyz"]
+    draft = drafted(written(tmp_path / "a.csv", ["t", *names, "p [kPa]"], TIMES, *places, KPA))
+    assert draft.inspected.first.base == "p13"
+
+
+@pytest.mark.parametrize(("name", "entry"), [("valve pwm", {"unit": "kPa", "scale": "?"})])
+def test_a_duty_asks_for_its_scale(tmp_path, name, entry):
+    path = written(tmp_path / "a.csv", ["t", *AXES, name], TIMES, BASE, TIP, np.round(2.0 * KPA))
+    assert guessed_table(path).mapping["pressure"] == {"columns": [name], **entry}
+
+
+def test_names_of_bend_sensors_and_of_milliseconds(tmp_path):
+    bent = read(written(tmp_path / "a.csv", ["time_ms", "bend_deg", "pressure_kPa"], 1e3 * TIMES, KPA, KPA))
+    np.testing.assert_allclose(bent["angle"].values[:, 0], np.radians(KPA), rtol=1e-6)
+    log = read(written(tmp_path / "log.csv", ["ms", "kPa"], 1e3 * TIMES, KPA))
+    np.testing.assert_allclose(np.diff(log["pressure_time"]), np.diff(TIMES), atol=1e-9)
+    np.testing.assert_allclose(log["pressure"], 1e3 * KPA)

@@ -30,7 +30,7 @@ ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", r
 SHORT = re.compile(r"(?:(.+)[_ .:])?([a-z])([xyz])", re.IGNORECASE)  # bx, Port1_Tx
 TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "datetime", "date_time", "date", "clock",
          "zeit", "zeitstempel", "uhrzeit", "temps", "tiempo", "tempo", "tid", "tijd"}  # fmt: skip
-COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
+COUNTERS = {"millis": "ms", "ms": "ms", "msec": "ms", "micros": "us"}  # names of times that state their unit
 PARTS = {  # names of seconds, and of their fraction with its unit
     "seconds": re.compile(r"(?:.*[_ .])?(?:sec|secs|seconds)", re.IGNORECASE),
     "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),

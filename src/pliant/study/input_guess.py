@@ -100,6 +100,8 @@ def pneumatic(table: PlainTable, k: int) -> tuple[str, str] | None:
     known = table.values[np.isfinite(table.values[:, k]), k]
     if set(np.unique(known)) == {0.0, 1.0}:
         return RAW, "0 or 1"
+    if "pwm" in words:
+        return RAW, "%"
     unit = next((u for u in (stated, *words) if u in COUNTED | PERCENT), "%" if "%" in name else "")
     return (RAW, "%" if unit in PERCENT else unit) if unit else None
 

@@ -81,10 +81,11 @@ def standing_among(names: Sequence[str], stations: Mapping[str, list[str]], stan
 def base_first(
     recording: xr.Dataset, stations: dict[str, list[str]], standing: Sequence[str]
 ) -> dict[str, list[str]]:
-    """Return groups of markers by station, in reverse order if the last station alone stands still; then also where
+    """Return groups of markers by station, in reverse order if the last stations alone stand still; then also where
     every marker is a station.
     """
     names = list(stations) or [str(s) for s in recording["station"].values]
-    if len(names) < 2 or standing_among(names, stations, standing) != names[-1:]:
+    still = standing_among(names, stations, standing)
+    if not 0 < len(still) < len(names) or still != names[-len(still) :]:
         return stations
     return {name: stations.get(name, [name]) for name in reversed(names)}
