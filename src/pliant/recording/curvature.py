@@ -97,9 +97,8 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
         what = f"columns {second}<arc length>" if options.components else "directions"
         raise InputError(f"{path.name} must have {what} at the same arc lengths as curvatures: correct its columns")
     other = table[:, [turning[s] for s in arc.tolist()]] if turning else None
-    if options.direction_unit is None:
-        options = options.model_copy(update={"direction_unit": unit_in(names, turning.values(), path.name)})
-    position = integrated(kappa, other, arc, options)
+    unit = options.direction_unit or unit_in(names, turning.values(), path.name)
+    position = integrated(kappa, other, arc, options.model_copy(update={"direction_unit": unit}))
     time, wrapped = time_of(table, names, options, path.name)
     used = {*columns.values(), *turning.values()}
     other_names = {k: n for k, n in enumerate(names) if k not in used and not is_time(n)}
