@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -122,11 +124,15 @@ def test_a_log_without_a_unit_names_its_column(tmp_path):
         read(path)
 
 
-def test_one_angle_takes_alike_joints(tmp_path):
-    path = written(tmp_path / "a.csv", ["t", "angle_deg", "p_kPa"], TIMES, KPA, KPA)
-    text = drafted(path).text
-    assert "\nlinks = 3" in text
-    assert '\nwithout = ["joints"]' in text
+@pytest.mark.parametrize(("step", "links"), [(0.0, 3), (2.0, None)])
+def test_one_fine_angle_takes_alike_joints(tmp_path, step, links):
+    angle = 0.5 * np.cumsum(KPA - KPA.mean()) / 90.0 + 0.01 * np.random.default_rng(2).standard_normal(len(KPA))
+    if step:
+        angle = step * np.round(angle / step)
+    text = drafted(written(tmp_path / "a.csv", ["t", "angle_deg", "p_kPa"], TIMES, angle, KPA)).text
+    content = tomllib.loads(text)
+    assert content["actuator"].get("links") == links
+    assert content["model_selection"].get("without") == (["joints"] if links else None)
 
 
 def test_left_handed_axes_are_refused_for_angles(tmp_path):

@@ -21,6 +21,7 @@ from pliant.study.trial import Trial, farthest, longest_rest
 EARTH = 9.81  # m/s^2
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 MINUTES = 5
+FINE = 0.01  # of the largest rotation: steps of an angle that show how links differ
 WAYS = {"along": "position of this station on its link", "across": "across it", "aside": "perpendicular to both"}
 
 
@@ -146,8 +147,12 @@ def actuator(
 
 
 def one_angle(inspected: Inspected) -> bool:
-    """Return whether the recordings hold the angle of a single station, in a plane, and no positions."""
-    return all(t.angles_only and t.recording.sizes["station"] == 1 for t in inspected.trials) and not inspected.space
+    """Return whether the recordings hold the angle of a single station, in a plane, and no positions; not where the
+    angle is recorded in steps that hide what several links show beyond one.
+    """
+    return not inspected.space and all(
+        t.angles_only and t.recording.sizes["station"] == 1
+        and max(t.quality.step_deg.values(), default=0.0) <= FINE * t.peak_motion for t in inspected.trials)
 
 
 def space_entry(out: Lines, inspected: Inspected) -> None:
