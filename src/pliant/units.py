@@ -13,7 +13,7 @@ PASCAL = {"pa": 1.0, "kpa": 1e3, "mpa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 689
           "mmhg": 133.322387415, "inhg": 3386.388640341, "torr": 101325.0 / 760.0, "cmh2o": 98.0665, "atm": 101325.0,
           "kgf/cm2": 98066.5}  # fmt: skip
 RADIAN = {"rad": 1.0, "deg": math.pi / 180.0, "rev": 2.0 * math.pi}
-NEWTON = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
+NEWTON = {"n": 1.0, "mn": 1e-3, "kn": 1e3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216152605}
 METRE = {"m": 1.0, "dm": 1e-1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 PIXEL = "px"
 SECOND = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
@@ -112,7 +112,7 @@ def radian_per(unit: str) -> float:
 
 
 def newton_per(unit: str) -> float:
-    """Return the number of newtons in one `unit` of force ("N", "mN" or "kN").
+    """Return the number of newtons in one `unit` of force ("N", "mN", "kN", "gf", "kgf" or "lbf").
 
     Raises InputError if the unit is unknown.
     """

@@ -183,7 +183,8 @@ def sessions(folder: Path) -> Laboratory:
         "stations": {s: {"position": [f"{a}_{s}" for a in "xyz"]} for s in ("base", "tip")}}  # fmt: skip
     study = {"actuator": {**BODY, "space": True, "tendons": tendons, "stations": [{"name": "tip", "at": LENGTH}]},
              "alignment": {"options": {**MOUNTED, "plane": ROOM.apply([1.0, 0.0, 0.0]).tolist(), "rest": [0.0, 0.0]}},
-             "mapping": mapping, "parameters": ["stiffness"], "recordings": {"all": {"poses": True}}}  # fmt: skip
+             "mapping": mapping, "parameters": ["stiffness"],
+             "recordings": {"all": {"poses": True, "drive": {f"u{c}": f"u{c}" for c in range(3)}}}}  # fmt: skip
     return Laboratory(files, tables, study)
 
 
@@ -260,8 +261,11 @@ def film(folder: Path) -> Laboratory:
         table = [f"{t:.2f};{p}" for t, p in zip((0.0, *begins), (0, *typed), strict=True)]
         files.append(lines(folder / f"{name}_steps.csv", ["time (s);set pressure (mbar)", *table]))
         places = np.stack([-side[..., 0], -side[..., 1], 0 * side[..., 0]], axis=-1)
-        tables[name] = wide(motion, places, ("base", "s1", "tip"))
+        level = np.array([0, *typed])[np.searchsorted(begins, motion.time, side="left")]  # as typed
+        tables[name] = wide(motion._replace(inputs=100.0 * level[:, None]), places, ("base", "s1", "tip"))
     study = planar(0.5, 1.0)
+    study["parameters"] = {**dict.fromkeys(study["parameters"], "free"), "valve_rise_time": {"value": 0.02},
+                           "valve_fall_time": {"value": 0.02}}  # fmt: skip
     study["alignment"] = {"options": {"base": "base", "tangent": [0.0, -1.0, 0.0]}}
     study["actuator"]["gravity"] = [0.0, -9.81, 0.0]
     return Laboratory(files, tables, study)

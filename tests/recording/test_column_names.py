@@ -31,6 +31,23 @@ def test_spellings(names: list[str], expected: list[str], unit: str) -> None:
     assert bool(renamed.findings) == (names != expected)
 
 
+@pytest.mark.parametrize("names", [
+    "t bx by bz tx ty tz -> t x_b y_b z_b x_t y_t z_t",
+    "t bx_mm by_mm bz_mm mx_mm my_mm mz_mm -> t x_b y_b z_b x_m y_m z_m",
+    "t Port1_Tx Port1_Ty Port1_Tz Port2_Tx Port2_Ty Port2_Tz -> t x_Port1 y_Port1 z_Port1 x_Port2 y_Port2 z_Port2",
+    "t tx ty tz q0 q1 q2 q3 -> t x_body y_body z_body qw_body qx_body qy_body qz_body",
+    "t tip_x tip_y tip_z tip_q0 tip_qx tip_qy tip_qz -> t x_tip y_tip z_tip qw_tip qx_tip qy_tip qz_tip",
+    "t px py pz vx vy vz ax ay az -> t x_body y_body z_body vx vy vz ax ay az",
+    "t Fx Fy Fz Tx Ty Tz -> t Fx Fy Fz Tx Ty Tz",  # a load cell
+    "t ax ay az gx gy gz mx my mz -> t ax ay az gx gy gz mx my mz",  # an inertial sensor
+    "t tip_x tip_y tip_q1 tip_q2 tip_q3 tip_q4 -> t x_tip y_tip tip_q1 tip_q2 tip_q3 tip_q4",
+    "t field.fluid_pressure field.variance -> t p_pa field.variance",
+])
+def test_short_names(names: str) -> None:
+    recorded, expected = (part.split() for part in names.split(" -> "))
+    assert standard_names(recorded, "a.csv").names == expected
+
+
 def test_two_names_of_one_column_stay_as_they_are() -> None:
     names = ["t", "time", "x_tip", "tip_x", "y_tip"]
     assert standard_names(names, "a.csv").names == names

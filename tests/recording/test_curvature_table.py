@@ -37,6 +37,20 @@ def test_constant_curvature_is_a_circle(tmp_path):
     assert "left out: temperature" in ds.attrs["history"]
 
 
+def test_names_state_the_unit_of_the_direction(tmp_path):
+    """A mapping of the other columns leaves the radians of the names as they are."""
+    path, turn = tmp_path / "fbg.csv", 1.2
+    arcs = [f"{s:g} mm" for s in S]
+    head = ["t", *(f"K {s}" for s in arcs), *(f"Dir {s} (rad)" for s in arcs)]
+    rows = [",".join(map(str, [t, *[4.0] * len(S), *[turn] * len(S)])) for t in T]
+    path.write_text("\n".join([",".join(head), *rows, ""]))
+    mapping = {**UNIT, "curvature": "K ", "direction": "Dir "}
+    places = [read(path, mapping={**mapping, **unit}, format="curvature")["position"].values[0, -1]
+              for unit in ({}, {"direction_unit": "rad"}, {"direction_unit": "deg"})]  # fmt: skip
+    np.testing.assert_array_equal(places[0], places[1])
+    assert np.arctan2(*places[2][[2, 0]]) != pytest.approx(np.arctan2(*places[0][[2, 0]]), abs=0.5)
+
+
 def test_a_turning_direction_is_a_helix(tmp_path):
     """Curvature k and torsion w: radius k / (k^2 + w^2) and pitch 2 pi w / (k^2 + w^2)."""
     k, w = 8.0, 15.0

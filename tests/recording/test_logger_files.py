@@ -48,6 +48,29 @@ def test_lvm_of_every_layout(tmp_path, options):
     assert "left out: Temp" in ds.attrs["history"]
 
 
+def test_channels_that_name_coordinates_are_positions(tmp_path):
+    path, place = tmp_path / "run.tdms", {"base": (0.0, 0.0, 5.0), "tip": (20.0, 30.0, 100.0)}
+
+    def channel(name, values, unit):
+        return ChannelObject("Log", name, values, properties={"wf_increment": 0.01, "unit_string": unit})
+
+    def write_places(unit):
+        with TdmsWriter(path) as writer:
+            writer.write_segment([channel("Chamber", P * 1.0, "psi"), *(
+                channel(f"{s}_{a}", np.full(len(T), v), unit)
+                for s, xyz in place.items() for a, v in zip("xyz", xyz, strict=True))])  # fmt: skip
+
+    write_places("mm")
+    ds = read(path)
+    assert ds["station"].values.tolist() == ["base", "tip"]
+    np.testing.assert_allclose(ds["position"].values[7], [[0.0, 0.0, 0.005], [0.02, 0.03, 0.1]])
+    np.testing.assert_allclose(ds["pressure"].values, P * PSI)
+    np.testing.assert_allclose(ds["time"].values, T, atol=1e-12)
+    write_places("")
+    with pytest.raises(InputError, match="does not state the unit of base_x"):
+        read(path)
+
+
 def test_a_channel_without_a_unit_is_named_by_the_mapping(tmp_path):
     path = lvm(tmp_path / "log.lvm", unit="Volts")
     with pytest.raises(InputError, match=r"no channel with a unit of pressure: name .* Chamber \(Volts\)"):

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Role = Literal["time", "angle", "pressure"]
 NAMES: dict[Role, re.Pattern[str]] = {
     "time": re.compile(r"t|time|timestamp|millis"),
-    "angle": re.compile(r"(?:(.+)_)?(?:angle|angles|theta|flex|imu)(?:_(.+))?"),
+    "angle": re.compile(r"(?:(.+)_)?(?:angle|angles|theta|flex|bend|bending|imu)(?:_(.+))?"),
     "pressure": re.compile(r"p|pressure|pressures"),
 }
 UNITS: dict[Role, Iterable[str]] = {"time": SECONDS, "angle": RADIAN, "pressure": PASCAL}

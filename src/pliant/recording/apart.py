@@ -35,6 +35,7 @@ ENVIRONMENT = {  # one thread; no lock files; no library that a filter's number 
     "OPENBLAS_NUM_THREADS": "1", "HDF5_USE_FILE_LOCKING": "FALSE", "HDF5_PLUGIN_PRELOAD": "::",
     "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file", "OPENCV_LOG_LEVEL": "SILENT",
 }  # fmt: skip
+RECOVER = {".mcap": " (mcap recover writes what is whole of a recording that was cut)"}
 
 
 def read_apart(kind: str, path: Path, what: str) -> Content:
@@ -62,6 +63,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     size = sum(f.stat().st_size for f in path.iterdir()) if path.is_dir() else path.stat().st_size
     seconds = int(SECONDS + size / BYTES_PER_SECOND)
     damaged = f"{path.name} cannot be read as {what}; it may be damaged, so copy or export it again"
+    damaged += RECOVER.get(path.suffix.lower(), "")
     try:
         code, answer = run_helper(kind, path, seconds, WORKING + COPIES * content_bound(size))
     except subprocess.TimeoutExpired:

@@ -251,13 +251,13 @@ def _pressure(
             raise InputError(f"the unit of {options.pressure!r} in {file} is unknown: set pressure_unit in the mapping")
         name = options.pressure
     else:
-        present = [n for n in PRESSURE_NAMES if n in arrays]
+        present = [n for n in arrays if n.lower() in PRESSURE_NAMES]
         if len(present) > 1:
             raise InputError(f"{file} has several pressures: {', '.join(present)}; set pressure in the mapping to "
                              "one of them")
         if not present:
             return None, None
-        name, unit = present[0], options.pressure_unit or PRESSURE_NAMES[present[0]]
+        name, unit = present[0], options.pressure_unit or PRESSURE_NAMES[present[0].lower()]
     values = np.squeeze(numbers(arrays[name], f"the array {name} of {file}"))
     return name, np.atleast_1d(values) * pascal_per(unit)
 
@@ -267,6 +267,9 @@ def _side_by_side(position: NDArray, options: ArrayMapping) -> NDArray:
     (T, S, N); other positions unchanged.
     """
     count = len(options.station or ())
+    if position.ndim == 2 and position.shape[1] > 3 and not count and options.order == "tsa":
+        raise InputError(f"position has {position.shape[1]} columns: if they are x, y, z of one station after another, "
+                         'name the stations in the mapping, such as station = ["base", "tip"]; else state order')
     if position.ndim != 2 or count < 2 or position.shape[1] not in (2 * count, 3 * count) or options.order != "tsa":
         return position
     return position.reshape(len(position), count, -1)

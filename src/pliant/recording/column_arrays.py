@@ -215,8 +215,9 @@ class ColumnMapping(FileMapping):
         if not placed and not self.angles and self.pressure is None and not self.inputs:
             raise ValueError("give stations, points or angles; or, for a log without a shape, pressure or inputs")
         widths = {len(columns) if isinstance(columns, list) else 1 for columns in (self.angles or {}).values()}
-        if self.angles and placed:
-            raise ValueError("angles cannot be combined with stations or points: leave out one of them")
+        if self.angles and (placed or self.left_handed):
+            raise ValueError("angles cannot be combined with stations or points: leave out one of them" if placed else
+                             "left_handed is for positions: remove it, and state the axes of sensors by inclination")
         if self.angles and self.angle_unit is None and widths == {1}:
             raise ValueError("angles need angle_unit: 'deg', 'rad' or 'rev'")
         if widths - {1} and widths not in ({3}, {4}, {3, 4}):

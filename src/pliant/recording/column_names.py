@@ -27,16 +27,18 @@ COUNTED = re.compile(r"([xyz])([0-9]+)", re.IGNORECASE)  # x1
 BEHIND = re.compile(r"(.+?)[_ .:](?:p(?:os|osition)?[_ .]?)?([xyz])", re.IGNORECASE)  # tip_x, tip_px
 JOINED = re.compile(r"(.*[a-z0-9])([XYZ])|(.*[0-9])([xyz])")  # tipX, m0x
 ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
+SHORT = re.compile(r"(?:(.+)[_ .:])?([a-z])([xyz])", re.IGNORECASE)  # bx, Port1_Tx
 TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "datetime", "date_time", "date", "clock",
          "zeit", "zeitstempel", "uhrzeit", "temps", "tiempo", "tempo", "tid", "tijd"}  # fmt: skip
-COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
+COUNTERS = {"millis": "ms", "ms": "ms", "msec": "ms", "micros": "us"}  # names of times that state their unit
 PARTS = {  # names of seconds, and of their fraction with its unit
     "seconds": re.compile(r"(?:.*[_ .])?(?:sec|secs|seconds)", re.IGNORECASE),
     "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),
     "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosecs?|nanoseconds?)", re.IGNORECASE),
 }
-TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orientation|o)[_ .]?([xyzw])",
+TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orientation|o)[_ .]?([xyzw0-3])",
                   re.IGNORECASE)  # fmt: skip
+NUMBERED = dict(zip("0123", "wxyz", strict=True))  # components of a quaternion q0 to q3
 BODY = "body"  # name of a single tracked body, where the names of its columns hold none
 BRACKETED = re.compile(  # tip_x [mm], p [bar(g)], p (bar(g))
     r"(.+?)[\s_]*(?:\[\s*([^\[\]]+?)\s*\]|\(\s*([^()]+(?:\([^()]*\))?)\s*\))")
@@ -44,13 +46,15 @@ ENDING = re.compile(r"(.+)[_ ]([A-Za-z\u00b5\u03bc\u00b0]+)")  # tip_x_mm
 CLOCK_FACE = re.compile(r"h*:?m+:s+(?:[.:,](?:m|s|f|0|x|u)+)?")  # hh:mm:ss.ms, how times are written
 WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
 LETTERS = set("afgoqvw")  # of quantities that are no positions
+BESIDE = {"t": set("f"), "m": set("afg"), "b": set("ag")}  # torques, moments and magnetic fields beside these letters
 OTHERS = re.compile(r"forces?|acc\w*|gyr\w*|mag(?!nets?$)\w*|vel\w*|speed|twist|torques?|moments?|wrench\w*|load_?cell|"
                     r"rot\w*|ang|angles?|angular|orient\w*|ori|quat\w*|grav\w*|imu\w*|euler\w*|omega|target|goal|ref|"
                     r"reference|cmd|command\w*|des|desired|setpoint|set_point")  # fmt: skip
 AIR = r"atm\w*|ambient|barom\w*"  # around a body
 AMBIENT = re.compile(rf"(?:.*[\W_])?(?:{AIR})(?:[\W_].*)?", re.IGNORECASE)
-ELSEWHERE = rf"set\w*|cmd|command\w*|ref\w*|target|desired|supply|tank|{AIR}"  # not in the body
+ELSEWHERE = rf"set\w*|cmd|command\w*|ref\w*|target|des|desired|goal|soll|consigne|supply|tank|{AIR}"  # not in the body
 PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
+FLUID = re.compile(r"(?:.*[./])?fluid_pressure", re.IGNORECASE)  # the field of a message of ROS, in Pa
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
 ABSOLUTE = re.compile(r"(?:^|[\W_])abs(?:olute)?(?:[\W_]|$)", re.IGNORECASE)  # a pressure that is no gauge pressure
 LENGTHS = {*METRE, PIXEL}
@@ -81,7 +85,7 @@ def standard_names(names: list[str], file: str) -> Renamed:
     positions = {name: coordinate for name in names if (coordinate := _position(name))}
     if any(BEFORE.fullmatch(name) for name in names):  # where x_tip is a position, acc_x is not
         positions = {name: coordinate for name, coordinate in positions.items() if BEFORE.fullmatch(name)}
-    positions = _one_body(names, positions) or positions
+    positions = _one_body(names, positions) or positions or _short(names)
     units = {unit for _, unit in positions.values()}
     if len(units) > 1:
         stated = ", ".join(sorted(unit or "no unit" for unit in units))
@@ -159,16 +163,34 @@ def _one_body(names: Iterable[str], others: Mapping[str, tuple[str, str]]) -> di
     bare = {name: (match[1].lower(), unit) for name, (word, unit) in parts.items()
             if (match := ONE_BODY.fullmatch(word)) and not name.lower().endswith("_m")}  # fmt: skip
     axes = sorted(axis for axis, _ in bare.values())
+    if all(SHORT.fullmatch(parts[name][0]) for name in bare) and len(bare) == 3 and set(_short(names)) != set(bare):
+        return {}
     if axes not in (["x", "y"], ["x", "y", "z"]) or set(others) - set(bare):
         return {}
     return {name: (f"{axis}_{BODY}", unit) for name, (axis, unit) in bare.items()}
 
 
+def _short(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Return the standard names and units of the coordinates x, y and z of stations whose names are a letter, such as
+    ``bx`` of b, or that have the t of a translation before the axis, such as ``Port1_Tx`` of Port1; not of torques and
+    other quantities, which their letters and those beside them show.
+    """
+    parts = {name: (match[1] or "", match[2], match[3].lower(), unit) for name in names
+             for word, unit in [_without_unit(name, LENGTHS)] if (match := SHORT.fullmatch(word))}  # fmt: skip
+    count = Counter(part[:2] for part in parts.values())
+    full = {name: part for name, part in parts.items() if count[part[:2]] == 3}
+    beside = {(begin, letter.lower()) for begin, letter, _, _ in full.values()}
+    return {name: (f"{axis}_{begin or letter}", unit) for name, (begin, letter, axis, unit) in full.items()
+            if (low := letter.lower()) not in LETTERS and (low == "t" or not begin)
+            and not any((begin, other) in beside for other in BESIDE.get(low, ()))}  # fmt: skip
+
+
 def _orientations(names: Iterable[str], stations: Collection[str]) -> dict[str, str]:
     """Return the standard names of the columns of quaternions, such as ``tip_qx`` or ``quat_w``, of stations of which
-    the table has all four.
+    the table has all four. In q0, q1, q2, q3 the first is w.
     """
-    turns = {name: (match[1] or BODY, match[2].lower()) for name in names if (match := TURN.fullmatch(name))}
+    turns = {name: (match[1] or BODY, NUMBERED.get(match[2], match[2].lower())) for name in names
+             if (match := TURN.fullmatch(name))}  # fmt: skip
     count = Counter(station for station, _ in turns.values())
     return {name: f"q{axis}_{station}" for name, (station, axis) in turns.items()
             if station in stations and count[station] == 4 and not name.startswith(f"q{axis}_")}  # fmt: skip
@@ -186,6 +208,8 @@ def _clocks(names: Iterable[str]) -> dict[str, str]:
 
 
 def _pressure(name: str) -> str | None:
+    if FLUID.fullmatch(name):
+        return "p_pa"
     bare, unit = _without_unit(name, PASCAL)
     match = PRESSURE.fullmatch(bare)
     if not match or not unit or ABSOLUTE.search(bare):

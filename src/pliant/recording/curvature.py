@@ -16,7 +16,7 @@ from pydantic import Field
 from pliant.errors import InputError, clipped, inside
 from pliant.numerics.curve import planar_curve, spatial_curve
 from pliant.recording.clock import SECONDS, unwrapped
-from pliant.recording.column_names import is_time, parted, pressures_named, standard_names
+from pliant.recording.column_names import bracketed_unit, is_time, parted, pressures_named, standard_names
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
@@ -25,7 +25,7 @@ from pliant.recording.wide_csv import pressure_unit, pressures_of
 from pliant.units import metre_per, radian_per
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     import xarray as xr
@@ -47,7 +47,8 @@ class CurvatureMapping(FileMapping):
         Unit of the arc lengths in the column names.
     curvature, direction : str
         Beginning of the names of these columns, before the arc length.
-    direction_unit : {"deg", "rad"}
+    direction_unit : {"deg", "rad"}, optional
+        Default: the unit in the names of these columns, such as ``Angle 10 mm (rad)``, else degrees.
     components : (str, str), optional
         Beginning of the names of the two components of curvature, in place of `curvature` and `direction`. They are
         the components in the directions of 0 and 90 degrees of a frame that does not twist about the body.
@@ -65,7 +66,7 @@ class CurvatureMapping(FileMapping):
     arc_unit: str = "mm"
     curvature: str = "k_"
     direction: str = "a_"
-    direction_unit: Literal["deg", "rad"] = "deg"
+    direction_unit: Literal["deg", "rad"] | None = None
     components: tuple[str, str] | None = None
     pressure_unit: str | None = None
     time_unit: Literal["s", "ms", "us"] | None = None
@@ -96,7 +97,8 @@ def read_curvature(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
         what = f"columns {second}<arc length>" if options.components else "directions"
         raise InputError(f"{path.name} must have {what} at the same arc lengths as curvatures: correct its columns")
     other = table[:, [turning[s] for s in arc.tolist()]] if turning else None
-    position = integrated(kappa, other, arc, options)
+    unit = options.direction_unit or unit_in(names, turning.values(), path.name)
+    position = integrated(kappa, other, arc, options.model_copy(update={"direction_unit": unit}))
     time, wrapped = time_of(table, names, options, path.name)
     used = {*columns.values(), *turning.values()}
     other_names = {k: n for k, n in enumerate(names) if k not in used and not is_time(n)}
@@ -127,7 +129,7 @@ def integrated(kappa: Array, other: Array | None, arc: Array, options: Curvature
         return np.pad(planar_curve(kappa, arc), ((0, 0), (0, 0), (0, 1)))
     if options.components:
         return spatial_curve(np.stack([kappa, other * PER_METRE[options.curvature_unit]], axis=-1), arc)[0]
-    angle = other * radian_per(options.direction_unit)
+    angle = other * radian_per(options.direction_unit or "deg")
     return spatial_curve(kappa[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1), arc)[0]
 
 
@@ -148,6 +150,14 @@ def arcs_of(names: list[str], start: str, unit: str, file: str) -> dict[float, i
             raise InputError(f"{file} states in column {clipped(name)!r} an arc length {problem}: rename the column")
         arcs[arc] = k
     return arcs
+
+
+def unit_in(names: Sequence[str], columns: Iterable[int], file: str) -> str:
+    """Return the unit, deg or rad, that the names of columns of directions state in brackets; deg where none does."""
+    stated = {unit for k in columns if (unit := bracketed_unit(names[k]))} & {"deg", "rad"}
+    if len(stated) > 1:
+        raise InputError(f"{file} states directions in deg and in rad: set direction_unit in its mapping")
+    return next(iter(stated), "deg")
 
 
 def time_of(table: Array, names: list[str], options: CurvatureMapping, file: str) -> tuple[Array, list[str]]:

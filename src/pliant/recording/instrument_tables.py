@@ -9,6 +9,7 @@ import re
 from typing import TYPE_CHECKING
 
 from pliant.errors import InputError, clipped
+from pliant.recording.stated import WARNING
 from pliant.recording.tables import NUMBER, split_cells, whole_number
 
 if TYPE_CHECKING:
@@ -126,7 +127,9 @@ def of_vicon(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
         rows.append(f"{time.replace('.', ',') if commas else time}{delimiter}{rest}")
     others = [title for title in titles if title != "Trajectories"]
     notes = [f"{name} is a table of Vicon: trajectories at {float(rate):g} Hz"]
-    notes += [f"the block(s) {', '.join(others)} of {name} are not read"] if others else []
+    if others:
+        notes.append(f"{WARNING}the block(s) {', '.join(others)} of {name} are not read: save a pressure among them as "
+                     "a table of its own, with columns of time and pressure, and give it to pliant new, too")
     return [delimiter.join(names), *rows, ""], notes
 
 

@@ -1,5 +1,5 @@
-"""Build a recording of pressure from the channels of a data logger, chosen by name or by unit, and read LabVIEW TDMS
-files.
+"""Build a recording from the channels of a data logger: pressures, chosen by name or by unit, and the positions of
+stations, by the names of their coordinates. Read LabVIEW TDMS files.
 
 nptdms (extra ``tdms``) reads a TDMS file in a separate process. Times come from the waveform properties of a channel
 (``wf_start_time``, ``wf_start_offset``, ``wf_increment``), or from a time channel, such as ``Time``.
@@ -18,11 +18,12 @@ from pliant.errors import InputError, clipped, inside
 from pliant.recording.apart import read_apart
 from pliant.recording.clock import without_repeats
 from pliant.recording.column_arrays import calibrated, from_counts
+from pliant.recording.column_names import standard_names, stations_of
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING, Reading, Stated, judge_stated
-from pliant.units import PASCAL, pascal_per
+from pliant.units import METRE, PASCAL, metre_per, pascal_per, standard_unit
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -66,7 +67,8 @@ class ChannelMapping(FileMapping):
 def pressure_log(
     channels: Mapping[str, Channel], mapping: Mapping[str, Any] | None, file: str, history: Sequence[str] = (),
 ) -> xr.Dataset:
-    """Return the pressures among the channels of a data logger as a recording without shape.
+    """Return the pressures among the channels of a data logger, and the positions of the stations whose coordinates
+    other channels hold, as a recording.
 
     Raises
     ------
@@ -79,6 +81,11 @@ def pressure_log(
     if missing := [n for n in names if n not in channels]:
         raise InputError(f"{file} has no channel {clipped(missing[0])!r}: correct pressure in its mapping; its "
                          f"channels are: {listing}")
+    shape = positions_in({n: c for n, c in channels.items() if n not in names}, file)
+    if not names and shape:
+        with inside(file):
+            return make_recording(shape.time, shape.position, station=shape.stations,
+                                  history=[*history, *unread(channels, shape.channels, file)])  # fmt: skip
     if not names:
         raise InputError(f"{file} has no channel with a unit of pressure: name the channels in its mapping, "
                          f"pressure = [...] and pressure_unit; its channels are: {listing}")  # fmt: skip
@@ -100,19 +107,60 @@ def pressure_log(
     stored = np.stack([channels[n].values for n in names], axis=1)[keep]
     values = from_counts(stored, options.scale, options.zero, file) * [pascal_per(unit) for unit in units]
     single = len(names) == 1 and options.chamber is None
-    read = set(names)
-    left = [n for n in channels if n not in read]
-    findings = [f"{len(left)} channel(s) of {file} hold no pressure and were left out: {shorten(left)}"] if left else []
+    findings = unread(channels, [*names, *(shape.channels if shape else [])], file)
     findings += calibrated(names, options.scale, options.zero, units[0])
     with inside(file):
         return make_recording(
+            *([shape.time, shape.position] if shape else []), station=shape.stations if shape else None,
             pressure=values, pressure_time=time[keep],
             chamber=None if single else options.chamber or names, history=[*history, *findings, *repeats],
         )  # fmt: skip
 
 
+class Positions(NamedTuple):
+    """Positions (T, S, 3) [m] of S stations at T times [s], and the channels that hold them."""
+
+    time: NDArray[np.float64]
+    position: NDArray[np.float64]
+    stations: list[str]
+    channels: list[str]
+
+
+def positions_in(channels: Mapping[str, Channel], file: str) -> Positions | None:
+    """Return the positions of the stations whose x, y and z the names of channels state; None where there are none.
+
+    Raises
+    ------
+    InputError
+        When these channels have different sample times, or several or no units of length.
+    """
+    names = [*channels]
+    units = {n: unit for n, c in channels.items() if (unit := standard_unit(c.unit)) in METRE}
+    renamed = standard_names([f"{n} [{units[n]}]" if n in units else n for n in names], file)
+    listed = {s: at["position"] for s, at in stations_of(renamed.names, names).items() if len(at["position"]) == 3}
+    columns = [n for axes in listed.values() for n in axes]
+    if not columns:
+        return None
+    if not renamed.length_unit:
+        raise InputError(f"{file} does not state the unit of {clipped(columns[0])} and other positions: set that of "
+                         "these channels to m, cm or mm, or write it behind their names, such as tip_x_mm")
+    time = channels[columns[0]].time
+    if any(not np.array_equal(channels[n].time, time) for n in columns):
+        raise InputError(f"the channels of positions of {file}, such as {clipped(columns[0])}, have different sample "
+                         "times: export them at one rate")
+    keep, _ = without_repeats(time, file)
+    values = np.stack([channels[n].values for n in columns], axis=1)[keep] * metre_per(renamed.length_unit)
+    return Positions(time[keep], values.reshape(len(values), -1, 3), [*listed], columns)
+
+
+def unread(channels: Mapping[str, Channel], read: Sequence[str], file: str) -> list[str]:
+    """Return a sentence on the channels that were not read; [] if all were."""
+    left = [n for n in channels if n not in {*read}]
+    return [f"{len(left)} channel(s) of {file} hold no pressure and were left out: {shorten(left)}"] if left else []
+
+
 def read_tdms(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
-    """Read the pressures in a LabVIEW TDMS file and return them as a recording without shape."""
+    """Read the pressures and positions in a LabVIEW TDMS file and return them as a recording."""
     if find_spec("nptdms") is None:
         raise InputError(f"{path.name}: TDMS files need nptdms, which is not installed: pip install 'pliant[tdms]'")
     arrays, facts = read_apart("tdms", path, "TDMS")

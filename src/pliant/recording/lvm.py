@@ -67,7 +67,7 @@ class LvmLayout(NamedTuple):
 
 
 def read_lvm(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
-    """Read the pressures in a LabVIEW measurement file (.lvm) and return them as a recording without shape."""
+    """Read the pressures and positions in a LabVIEW measurement file (.lvm) and return them as a recording."""
     lines = read_text(path).split("\n")
     ends = [k for k, line in enumerate(lines) if line.startswith(END)]
     if len(ends) < 2:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 NUMBERED = re.compile(r"[\[{]([0-9]+)[\]}]")  # of a struct or cell
+VALUES = ".signals.values"
 NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
@@ -38,8 +39,11 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     arrays, others, structs = stored_arrays(path)
     if not arrays and others:
         raise InputError(f"{path.name} holds {shorten(others, 6)} and no array of numbers. If they are cells or "
-                         "several structs, save the file as version 7, which pliant reads: save('file.mat', '-v7')")
+                         "several structs, save the file as version 7, which pliant reads: save('file.mat', '-v7'). "
+                         "Of a timeseries, table or Dataset save its arrays, such as t = ts.Time; p = ts.Data")
     options = {role: in_round_brackets(entry) for role, entry in (mapping or {}).items()}
+    if not any(str(entry).endswith(VALUES) for entry in options.values()):
+        arrays = of_simulink(arrays, bare="struct" not in options)
     chosen = options.pop("struct", None)
     if chosen is not None:
         arrays = fields_of(str(chosen), arrays, structs, path.name)
@@ -51,6 +55,29 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
         return recording_from_arrays(arrays, options or None, path.name, others=others)
     except InputError as error:
         raise InputError(f"{error}{listed_structs(structs) if chosen is None else ''}") from None
+
+
+def of_simulink(arrays: Mapping[str, NDArray], *, bare: bool) -> dict[str, NDArray]:
+    """Return the arrays with those of the block To Workspace of Simulink under the names of their variables: of each
+    ``name.signals.values`` the frames come first, and the times that all share are ``time``. With `bare`, names lose
+    that of a struct that holds all arrays, such as ``out``.
+    """
+    logged = {name.removesuffix(VALUES): values for name, values in arrays.items() if name.endswith(VALUES)}
+    if not logged:
+        return dict(arrays)
+    times = {name: arrays[f"{name}.time"] for name in logged if f"{name}.time" in arrays}
+    rest = {n: a for n, a in arrays.items() if not n.startswith(tuple(f"{name}." for name in logged))}
+    for name, values in logged.items():
+        count, shape = np.size(times.get(name, ())), np.shape(values)
+        frames_last = len(shape) > 1 and shape[-1] == count != shape[0]
+        rest[name] = np.squeeze(np.moveaxis(values, -1, 0) if frames_last else values)
+    first, *more = [*times.values()] or [np.zeros(0)]
+    if first.size and all(np.array_equal(first, other) for other in more):
+        rest |= {f"{name.rpartition('.')[0]}.time".lstrip("."): np.ravel(first) for name in times}
+    else:
+        rest |= {f"{name}.time": time for name, time in times.items()}
+    outer = {name.partition(".")[0] if "." in name else "" for name in rest}
+    return {n.removeprefix(f"{min(outer)}.") if bare and len(outer) == 1 else n: a for n, a in rest.items()}
 
 
 def stored_arrays(path: Path) -> tuple[dict[str, NDArray], list[str], dict[str, tuple[int, list[str]]]]:

@@ -326,6 +326,17 @@ def describes_columns(mapping: Mapping[str, Any]) -> bool:
     return named or (isinstance(pressure, dict) and "columns" in pressure)
 
 
+SHEET, ONE_ROW = "save its sheet as CSV", "write a CSV with one row for each time"
+ELSEWHERE = {  # what to do with files of other programs, by their endings
+    **dict.fromkeys((".xlsx", ".xls", ".xlsm", ".ods", ".numbers"), SHEET),
+    **dict.fromkeys((".json", ".jsonl", ".ndjson", ".xml", ".parquet", ".feather", ".pkl", ".pickle"), ONE_ROW),
+    ".npy": "store its array with its times under names, by numpy.savez('name.npz', time=..., position=...)",
+    ".bag": "convert this bag of ROS 1 to one of ROS 2, by rosbags-convert --src name.bag --dst name",
+    ".trc": "export C3D, or a CSV with columns such as Time, tip_x_mm", ".ulg": "convert it to CSV, by ulog2csv",
+    ".slx": "run the model and save what it logs, by save('name.mat', 'out')",
+}  # fmt: skip
+
+
 def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: str | None) -> Reader:
     if path.is_dir():
         name = "bag"
@@ -344,6 +355,8 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
     ready = [r for r in fitting if not r.needs_mapping] or fitting
     if not ready:
         refuse_other(path, RECORDING)
+        if suffix in ELSEWHERE:
+            raise InputError(f"pliant does not read {path.name}: {ELSEWHERE[suffix]}")
         formats = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in readers().values())
         raise InputError(
             f"{path.name} has no known format: its ending or its first bytes match none of {formats}; "

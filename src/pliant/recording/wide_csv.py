@@ -290,8 +290,9 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
         arrays, more = _stations(columns, labels, metadata, file)
         history += more
     elif pressure is None:
+        remedy = "".join(f"state pressure_unit in its mapping for {shown(n)}" for n in unitless_pressures(ignored)[:1])
         raise InputError(f"{file} has neither columns of stations (x_000, y_000, ...) nor of pressure (p_kpa): "
-                         "rename them or give a mapping")
+                         f"{remedy or 'rename them or give a mapping'}")
     time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
     history += wrapped
     used = np.stack([columns[name] for name in columns if is_known(name) and name not in CLOCKS], axis=1)

@@ -29,6 +29,7 @@ from pliant.study.long_tables import refuse_long
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import (
     PlainTable,
+    parted_times,
     plain_table,
     sensors_by_name,
     stations_by_name,
@@ -304,7 +305,9 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     inputs = stated_columns(table, stated)
     counters = [k for k in range(min(2, width)) if table.whole(k) and counts(values[:, k])]
     clock = next((k for k in range(min(3, width)) if k not in {*counters, *inputs} and rises(values[:, k])), None)
-    rest = [k for k in range(width) if k not in {*counters, *inputs, clock}]
+    parts = parted_times(table)
+    clock = parts[0] if parts else clock
+    rest = [k for k in range(width) if k not in {*counters, *inputs, clock, *(parts or ())}]
     stations, of_turns = posed(table)
     steps = [] if stations or inputs else [k for k in rest if table.whole(k) and table.changes(k)]
     positions = [k for k in rest if k not in steps]
@@ -316,6 +319,8 @@ def unnamed(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
         return None
     unit, note = length_unit(table, stations)
     timed, of_times = clock_entries(table, clock, stations)
+    if parts:
+        timed, of_times = {"time": [*parts[:2]], "time_unit": parts[2]}, ""
     mapping: dict[str, Any] = {**delimited(table), **timed, "length_unit": unit, "stations": stations}
     used = {k for parts in stations.values() for columns in parts.values() for k in columns}
     left = [k for k in rest if k not in {*used, *steps} and table.changes(k)]

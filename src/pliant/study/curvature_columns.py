@@ -4,6 +4,7 @@ with arc lengths, such as `Curvature 10 mm`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -14,6 +15,7 @@ from pliant.study.shorthand import OPEN
 
 CURVATURE = {"k", "kappa", "curvature", "curv", "curvatures", "\u03ba"}
 DIRECTION = {"a", "angle", "direction", "dir", "phi", "theta", "orientation"}
+COMPONENT = re.compile(r"(?:k|kappa|curv\w*?|\u03ba)[\s_]*[xy]\W*", re.IGNORECASE)  # Kx, curvature_y
 FEWEST = 4  # arc lengths that are no numbers of stations
 ANGLES = {"deg": "deg", "degree": "deg", "degrees": "deg", "\u00b0": "deg", "rad": "rad", "radian": "rad",
           "radians": "rad"}  # fmt: skip
@@ -35,16 +37,20 @@ def curvature_columns(names: Sequence[str]) -> tuple[dict[str, Any], dict[str, s
     entry that they leave open, which is "?"; empty if no columns of curvature have a time beside them.
     """
     groups = along(names)
-    curved = next((g for g in groups if CURVATURE & {*words_of(g.start)}), None)
+    parts = [g for g in groups if COMPONENT.fullmatch(g.start.strip())]
+    both = len(parts) == 2 and parts[0][1:] == parts[1][1:]
+    curved = parts[0] if both else next((g for g in groups if CURVATURE & {*words_of(g.start)}), None)
     if curved is None or not any(map(is_time, names)):
         return {}, {}
-    turned = next((g for g in groups if DIRECTION & {*words_of(g.start)} and g.arcs == curved.arcs), None)
+    directions = (g for g in groups if DIRECTION & {*words_of(g.start)} and g.arcs == curved.arcs and not both)
+    turned = next(directions, None)
     per_metre = curved.bracket.replace("rad/", "1/").replace("m^-1", "1/m")
-    entries = {"curvature": curved.start, "curvature_unit": per_metre if per_metre in PER_METRE else OPEN,
+    named = {"components": [g.start for g in parts]} if both else {"curvature": curved.start}
+    entries = {**named, "curvature_unit": per_metre if per_metre in PER_METRE else OPEN,
                "arc_unit": curved.unit or OPEN}  # fmt: skip
     if turned is not None:
         entries |= {"direction": turned.start, "direction_unit": ANGLES.get(turned.bracket.lower(), OPEN)}
-    starts = tuple(columns.start for columns in (curved, turned) if columns is not None)
+    starts = tuple(columns.start for columns in (curved, turned, *parts) if columns is not None)
     beside = [name for name in names if not name.startswith(starts) and not is_time(name)]
     if pressures := unitless_pressures(standard_names(beside, "the table").names):
         entries["pressure_unit"] = OPEN

@@ -15,6 +15,7 @@ from pliant.preprocessing.plausibility.together import copies, exchanged
 from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.schema import history_of
+from pliant.recording.stated import WARNING
 from pliant.study.doubts import body_warnings
 from pliant.study.draft_check import DraftCheck, check_draft
 from pliant.study.draft_inputs import inputs
@@ -198,5 +199,7 @@ def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
         for check, line in body_warnings(known, trial.grouped, trial.aligned if trial.has_scale else None).items():
             warnings.setdefault(check, line)
     warnings |= {f"{trial.name} {CHANGING}": line for trial in trials for line in unexplained(trial)}
+    warnings |= {f"{trial.name} {line}": f"{trial.path.name}: {line.removeprefix(WARNING)}" for trial in trials
+                 if trial.angles_only for line in history_of(trial.recording) if line.startswith(WARNING)}
     aligned = {trial.name: trial.aligned for trial in trials if trial.aligned is not None}
     return (*warnings.values(), *copies({trial.name: trial.recording for trial in trials}), *exchanged(aligned))

@@ -21,6 +21,7 @@ from pliant.study.trial import Trial, farthest, longest_rest
 EARTH = 9.81  # m/s^2
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 MINUTES = 5
+FINE = 0.01  # of the largest rotation: steps of an angle that show how links differ
 WAYS = {"along": "position of this station on its link", "across": "across it", "aside": "perpendicular to both"}
 
 
@@ -131,7 +132,10 @@ def actuator(
         out.put("diameter", diameter, "m, outer, as you stated: used to check density, modulus and torque")
     else:
         out.propose("diameter", 0.03, "m, outer: remove the first # if you know it: for checks of density and modulus")
-    if trial.angles_only:
+    if one_angle(inspected):
+        out.put("links", 3, "one angle shows no more than an even bend")
+        out.put("joint_placement", "midsegment")
+    elif trial.angles_only:
         out.propose("links", 2, "default: one for each angle, as many as angles can determine")
     elif not trial.dense and not trial.options and trial.recording.sizes["station"] == 1 and not trial.tendon_inputs:
         out.put("links", 3, "one tracked point shows no more than an even bend")
@@ -140,6 +144,15 @@ def actuator(
         out.put("links", LINKS)
         out.put("joint_placement", "midsegment", "five links then have the frequency of a continuous beam to 1 %")
     out.propose("tip_mass", 0.006, "kg, a cap or a load at the tip: remove the first # if there is one")
+
+
+def one_angle(inspected: Inspected) -> bool:
+    """Return whether the recordings hold the angle of a single station, in a plane, and no positions; not where the
+    angle is recorded in steps that hide what several links show beyond one.
+    """
+    return not inspected.space and all(
+        t.angles_only and t.recording.sizes["station"] == 1
+        and max(t.quality.step_deg.values(), default=0.0) <= FINE * t.peak_motion for t in inspected.trials)
 
 
 def space_entry(out: Lines, inspected: Inspected) -> None:
@@ -282,6 +295,8 @@ def selection(out: Lines, inspected: Inspected) -> None:
         out.put("held_out", held_out, "no part in the choice; the report judges how the model predicts this")
     else:
         out.say('to test the prediction, make one more recording and name it here: held_out = ["another"]')
+    if one_angle(inspected):
+        out.put("without", ["joints"], "all joints are alike: one angle does not show how they differ")
     out.put("minutes", MINUTES, "time limit: when it is reached, the best model so far is the result")
     if common := common_parameters(inspected):
         out.table("model_selection.common")

@@ -143,7 +143,8 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
             other = pairs[shape].log if shape is not None else None
             both = f"; {shape.name} has {other.name} already" if shape is not None and other is not None else ""
             raise InputError(f"{log.name} holds inputs alone, and a study needs the shape too: add the recording to "
-                             f"which it belongs, with a similar name, such as push_3.csv for push_3_log.csv{both}")
+                             f"which it belongs, with a similar name, such as push_3.csv for push_3_log.csv{both}, or "
+                             "name its positions in a mapping")
         pairs[shape] = pairs[shape]._replace(log=log, log_options=options or None)
     return [part for pair in in_folders([*pairs.values()]) for part in by_trial(pair)]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.recording.column_names import AMBIENT, NOT_INSIDE, bracketed_unit, unit_of, words_of
+from pliant.recording.column_names import AMBIENT, NOT_INSIDE, PRESSED, bracketed_unit, unit_of, words_of
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import PlainTable
 from pliant.units import METRE, NEWTON, PASCAL, RADIAN, absolute_unit, pascal_per
@@ -22,7 +22,7 @@ WORDS = {
     "tension": {"tension", "force", "load"},
     "steps": {"step", "steps", "stepper", "count", "counts", "tick", "ticks"},
     "displacement": {"tendon", "cable", "wire", "stroke", "displacement", "pull", "elongation"},
-    "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo"},
+    "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo", "dxl", "dynamixel"},
 }  # fmt: skip
 DEFAULT_UNITS = {"angle": "deg", "displacement": "mm", "tension": "N"}
 DEGREES, TWO_TURNS = {"angle", "theta", "phi", "servo"}, 720.0  # names of angles, which may be whole degrees
@@ -31,8 +31,11 @@ VALVES = {*WORDS["pressure"], "p", "solenoid", "pwm", "duty", "regulator", "pump
 ABSOLUTES = {"abs", "absolute"}
 PERCENT = {"%", "percent", "pct"}  # of a valve's duty or opening, which is 0 without pressure
 COUNTED = {"v", "volt", "volts", "mv", "ma", "counts", "count", "adc", "dac", "raw", "bit", "bits", "lsb"}
+RATES = {"q", "r"}  # names of rates of turning, beside which p is another
 ZERO = "the reading at rest at atmospheric pressure"
 VARIES = 0.2  # of its largest value: the air around a body varies less
+WEIGHED = {"g": "gf", "gram": "gf", "grams": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}  # of load cells
+FIRST = 5  # rows in which a motor has not moved
 RAW, ABSOLUTE = "raw", "absolute"  # kinds of columns that become gauge pressures by numbers that a laboratory knows
 
 
@@ -47,16 +50,38 @@ def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
     if raw is not None:
         return raw
     for kind, units in UNITS.items():
-        if len(words) > 1 and (unit := unit_of(name, units)) and (unit != "m" or kind == "displacement"):
+        stated = unit_of(name, units) if len(words) > 1 else ""
+        unit = pressure_unit_among(words) if kind == "pressure" and not stated else stated
+        if unit and (unit != "m" or kind == "displacement"):
             return kind, unit
-        if len(words) <= 2 and words and words[0] in units and kind == "pressure":
-            return kind, words[0]
+    if PRESSED.fullmatch(name) and not RATES & {other.lower() for other in table.names}:
+        return "pressure", ""
     if DEGREES & set(words) and np.nanmax(np.abs(table.values[:, k])) <= TWO_TURNS:
         return "angle", ""
+    return named_input(table, k, words)
+
+
+def named_input(table: PlainTable, k: int, words: Sequence[str]) -> tuple[str, str]:
+    """Return the kind, and the unit of a load cell, of the input that the words of the name of a column k say; ("", "")
+    if there is none, or its unit is that of another quantity.
+    """
+    stated, whole = bracketed_unit(table.names[k]), table.whole(k)
     for kind, known in WORDS.items():
-        if known & set(words) and (kind != "steps" or table.whole(k)):
-            return ("steps" if table.whole(k) and kind in ("angle", "displacement") else kind), ""
+        if not known & set(words) or (kind == "steps" and not whole):
+            continue
+        if whole and kind in ("steps", "angle", "displacement"):
+            return "steps", ""
+        if not stated or (kind == "tension" and stated in WEIGHED):
+            return kind, WEIGHED.get(stated, "")
     return "", ""
+
+
+def pressure_unit_among(words: Sequence[str]) -> str:
+    """Return the unit of pressure that is one of the words of a name such as /chamber_kpa/data; "" for none or several,
+    and for atm, which may say the atmosphere.
+    """
+    units = {word for word in words if word in PASCAL and word != "atm"}
+    return units.pop() if len(units) == 1 else ""
 
 
 def pneumatic(table: PlainTable, k: int) -> tuple[str, str] | None:
@@ -67,13 +92,16 @@ def pneumatic(table: PlainTable, k: int) -> tuple[str, str] | None:
     words = [part for word in words_of(name) for part in (word, word.rstrip("0123456789"))]
     stated = bracketed_unit(name)
     of_pressure = unit_of(name, PASCAL) or next((w for w in words if w in PASCAL and w != "atm"), "")
-    if unit := absolute_unit(stated) or (of_pressure if ABSOLUTES & set(words) else ""):
+    absolute = next((unit for word in words_of(name) if word not in PASCAL and (unit := absolute_unit(word))), "")
+    if unit := absolute_unit(stated) or absolute or (of_pressure if ABSOLUTES & set(words) else ""):
         return ABSOLUTE, unit
     if of_pressure or not VALVES & set(words):
         return None
     known = table.values[np.isfinite(table.values[:, k]), k]
     if set(np.unique(known)) == {0.0, 1.0}:
         return RAW, "0 or 1"
+    if "pwm" in words:
+        return RAW, "%"
     unit = next((u for u in (stated, *words) if u in COUNTED | PERCENT), "%" if "%" in name else "")
     return (RAW, "%" if unit in PERCENT else unit) if unit else None
 
@@ -152,7 +180,12 @@ def input_entry(table: PlainTable, members: Sequence[int], kind: str, unit: str)
     """Return an entry of `inputs` for columns of one kind, and a sentence if their unit was assumed."""
     names = [table.names[k] for k in members]
     if kind == "steps":
-        return {"columns": names, "kind": "displacement", "unit": "mm"}, ""
+        first, width = np.nanmedian(table.values[:FIRST, members], axis=0), np.ptp(table.values[:, members], axis=0)
+        entry = {"columns": names, "kind": "displacement", "unit": "mm"}
+        if not (np.abs(first) > width).any():
+            return entry, ""
+        note = f"{', '.join(names)}: counted from their first rows, far from 0; correct zero if they pull then"
+        return entry | {"zero": first.tolist()}, note
     if unit:
         return {"columns": names, "kind": kind, "unit": unit}, ""
     widest = float(np.nanmax(np.abs(table.values[:, list(members)])))

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import permutations, takewhile
+from itertools import combinations, permutations, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -332,14 +332,29 @@ def like_another(place: Array, first: Array) -> tuple[list[int], bool]:
     """
     base = int(np.argmin(np.linalg.norm(place - first[0], axis=1)))
     others = [k for k in range(len(place)) if k != base]
-    if len(others) > MOST_ORDERED:
-        return [base, *sorted(others, key=lambda k: float(np.linalg.norm(place[k] - first[0])))], True
     wanted = np.linalg.norm(first[:, None] - first, axis=-1)
     apart = np.linalg.norm(place[:, None] - place, axis=-1)
-    orders = [[base, *order] for order in permutations(others)]
+    orders = [[base, *order] for order in permutations(others)] if len(others) <= MOST_ORDERED else \
+        improved([base, *sorted(others, key=lambda k: float(apart[k, base]))], apart, wanted)
     unlike = [float(np.abs(apart[np.ix_(order, order)] - wanted).sum()) for order in orders]
     best, *next_best = np.argsort(unlike)
     return orders[best], not next_best or unlike[next_best[0]] > CLEARER * unlike[best]
+
+
+def improved(order: list[int], apart: Array, wanted: Array) -> list[list[int]]:
+    """Return the best order that exchanges of two points lead to, behind the first of `order`, by the distances `apart`
+    (S, S) of the points and those `wanted` (S, S), and all orders that differ from it by one exchange.
+    """
+    while True:
+        swaps = [order]
+        for i, j in combinations(range(1, len(order)), 2):
+            swaps.append([*order])
+            swaps[-1][i], swaps[-1][j] = order[j], order[i]
+        unlike = [float(np.abs(apart[np.ix_(o, o)] - wanted).sum()) for o in swaps]
+        best = int(np.argmin(unlike))
+        if not best:
+            return swaps
+        order = swaps[best]
 
 
 def ordered(trial: Trial, order: Sequence[int]) -> Trial:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.errors import InputError, shown
 from pliant.recording.column_names import is_time, words_of
-from pliant.study.table_columns import PlainTable, axis_of
+from pliant.study.table_columns import PlainTable, axis_of, parted_times
 
 Array = np.ndarray
 BODIES = {"sensor", "marker", "body", "bodypart", "station", "track", "tid", "object", "point", "label", "tool", "coil",
@@ -37,6 +37,7 @@ def body_column(table: PlainTable) -> int | None:
     """Return the column that names the body of each row; None if the rows are frames."""
     columns = range(table.values.shape[1])
     if not table.names:
+        columns = range(columns.stop) if (parts := parted_times(table)) is None else range(parts[1] + 1, columns.stop)
         clocks = [k for k in columns[:2] if always_rises(table.values[:, k])]
         return next((k for k in columns[:2] if in_turn(table.values[:, k])
                      and (not clocks or place_jumps(table, columns[k + 1 :], table.values[:, k]))), None)  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
@@ -71,3 +71,21 @@ def rigid(recording: xr.Dataset, markers: Sequence[str]) -> bool:
     shape = position[np.argmax(np.isfinite(position).all(axis=(1, 2)))]
     size = np.linalg.svd(shape - shape.mean(axis=0), compute_uv=False)
     return still and (len(markers) < 3 or bool(size[1] > LINE * size[0]))
+
+
+def standing_among(names: Sequence[str], stations: Mapping[str, list[str]], standing: Sequence[str]) -> list[str]:
+    """Return the stations that stand still: those whose markers all do."""
+    return [n for n in names if {*stations.get(n, [n])} <= {*standing}]
+
+
+def base_first(
+    recording: xr.Dataset, stations: dict[str, list[str]], standing: Sequence[str]
+) -> dict[str, list[str]]:
+    """Return groups of markers by station, in reverse order if the last stations alone stand still; then also where
+    every marker is a station.
+    """
+    names = list(stations) or [str(s) for s in recording["station"].values]
+    still = standing_among(names, stations, standing)
+    if not 0 < len(still) < len(names) or still != names[-len(still) :]:
+        return stations
+    return {name: stations.get(name, [name]) for name in reversed(names)}

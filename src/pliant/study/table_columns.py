@@ -19,7 +19,7 @@ from pliant.recording.cells import (
     with_states,
     without_trailing,
 )
-from pliant.recording.column_names import base_to_tip, is_no_place, standard_names, stations_of, words_of
+from pliant.recording.column_names import NUMBERED, base_to_tip, is_no_place, standard_names, stations_of, words_of
 from pliant.recording.tables import (
     DELIMITERS,
     holds_number,
@@ -33,6 +33,7 @@ from pliant.recording.units_row import with_units
 from pliant.units import METRE
 
 Array = np.ndarray
+A_YEAR = 3.2e7  # s: clocks that count seconds and their fraction since 1970 have passed it
 TURNING = {"q", "quat", "quaternion", "orientation"}
 ACCELERATIONS = {"a", "acc", "accel", "acceleration", "linear_acceleration"}
 TURNS = {*TURNING, "ori", "rot"}
@@ -88,6 +89,21 @@ def plain_table(path: Path) -> PlainTable | None:
     empty_markers(values, path.name)
     texts = cells_of(rows, delimiter, np.flatnonzero(np.isnan(values).all(axis=0)).tolist())
     return PlainTable(names, values, delimiter or "space", frozenset(of_day), texts)
+
+
+def parted_times(table: PlainTable) -> tuple[int, int, str] | None:
+    """Return the columns of whole seconds and of their fraction, and the unit of the fraction (us or ns), if they are
+    side by side among the first three columns of a table without names; None for other tables.
+    """
+    for k in range(min(2, table.values.shape[1] - 1)):
+        whole, part = table.values[:, k], table.values[:, k + 1]
+        if not (table.whole(k) and table.whole(k + 1)) or not np.isfinite([whole, part]).all() or whole[0] < A_YEAR:
+            continue
+        unit, count = ("us", 1e6) if part.max() < 1e6 else ("ns", 1e9)
+        rising = bool((np.diff((whole - whole[0]) * count + part) > 0).all())
+        if part.min() >= 0 and 0.1 * count < part.max() < count and rising:
+            return k, k + 1, unit
+    return None
 
 
 def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
@@ -151,7 +167,8 @@ def axis_of(words: Sequence[str]) -> str:
     for word in words:
         if word in ("qx", "qy", "qz", "qw"):
             return word
-    letters = [w for w in words if w in ("x", "y", "z", "w")]
+    letters = [w for w in words if w in ("x", "y", "z", "w")] or [NUMBERED[w] for w in words[-1:] if w in NUMBERED
+                                                                  and turning]  # fmt: skip
     if len(letters) != 1:
         return ""
     return f"q{letters[0]}" if turning or letters[0] == "w" else letters[0]

@@ -31,7 +31,7 @@ from pliant.study.doubts import unit_warning_first
 from pliant.study.first_reading import FirstReading, WithLog, read_or_guess, several
 from pliant.study.later_rest import FIRST_FRAMES, later_rest, nearest_rest
 from pliant.study.named_levels import named_pressure
-from pliant.study.plates import RIGID_M, UNNAMED, rigid, rigid_clusters
+from pliant.study.plates import RIGID_M, UNNAMED, base_first, rigid, rigid_clusters, standing_among
 
 MOVED_PLATE = 5.0  # of RIGID_M: a plate that moves farther shows that its markers keep their distances
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
@@ -282,7 +282,8 @@ def inspect_reading(files: WithLog, reading: FirstReading, number: int | None = 
             return replace(trial, problem=str(error))
     if recording.attrs["frame"] != "tracker":
         return replace(trial, aligned=recording)
-    trial = replace(trial, stations={} if guess is not None and guess.numbered else rigid_clusters(recording))
+    plates = {} if guess is not None and guess.numbered else rigid_clusters(recording)
+    trial = replace(trial, stations=base_first(recording, plates, assessed.standing))
     trial = replace(trial, options=directions(recording, assessed, trial.stations, dense=trial.dense))
     return trial if trial.capped else with_alignment(trial)
 
@@ -409,8 +410,8 @@ def directions(
     """
     names = list(stations) or [str(s) for s in recording["station"].values]
     named = [n for n in names if "base" in n.lower()]
-    standing = [n for n in found.standing if n in names] if len(found.standing) < len(names) else []
-    candidates = named or (names if dense else standing)
+    still = standing_among(names, stations, found.standing)
+    candidates = named or (names if dense else still if len(still) < len(names) else [])
     if len(names) == 1 or not candidates:
         return {}
     base = candidates[0]
