@@ -14,11 +14,12 @@ from pliant.identification import Experiment, Parameter, fit
 from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Model, Station, chain_model
 from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms_for
-from pliant.selection.first_model import beginning, determined
+from pliant.selection.criterion import parts_of
+from pliant.selection.first_model import beginning, determined, scale_of
 from pliant.selection.fitted import FitSetting, fitted
 from pliant.selection.restart import restarted
 from pliant.selection.saved import SearchFile
-from pliant.selection.screen import TermProposal
+from pliant.selection.screen import TermProposal, screened
 from pliant.selection.search import Search
 from pliant.simulation import Trace, modes, simulate
 
@@ -372,3 +373,15 @@ def test_a_stiffness_that_no_recording_shows_is_held_where_inertia_hardly_shows(
     assert values["torque_1"] / values["stiffness"] == pytest.approx(1.2e-6, rel=0.01)
     body = GIVEN.with_(stiffness=values["stiffness"])
     assert 10.0 <= 2 * np.pi * modes(body)[0][0] * 0.1 < 15.0
+
+
+def test_a_screen_takes_the_derivative_by_a_stiffness_beside_no_stiffnesses_of_joints():
+    stations = (Station("middle", 0, 0.06), Station("tip", 1, 0.06))
+    train, given = two(chain(stations=stations)), GIVEN.with_(stations=stations)
+    setting = FitSetting(tuple(train), 0.005)
+    parent = fitted(setting, given, [Parameter("stiffness", 0.4, free=False), Parameter("damping", 3e-3),
+                                     Parameter("torque_1", 6e-7)])  # fmt: skip
+    scale, joints = (*scale_of(parent.parameters, ()), *terms_for(given, train, only=["joints"]))
+    alone = screened(parent, given, [scale], setting, parts_of(parent))[0]
+    beside = screened(parent, given, [joints.about({"stiffness": 0.4}), scale], setting, parts_of(parent))[0]
+    assert [p.cost for p in beside if p.term is scale] == pytest.approx([p.cost for p in alone], rel=1e-9)

@@ -89,8 +89,8 @@ def panels(terms: Iterable[Term]) -> list[list[tuple[Term, Mapping[str, float]]]
 
 def fit_together(one: Term, other: Term) -> bool:
     """Return whether one model can hold both terms at their null values."""
-    names = {p.name for p in one.adds} & {p.name for p in other.adds}
-    return not names and one.extension == other.extension and not (one.replaces and other.replaces)
+    (mine, theirs) = ({*t.replaces, *(p.name for p in t.adds)} for t in (one, other))
+    return not mine & theirs and one.extension == other.extension
 
 
 def screened_together(
