@@ -16,6 +16,7 @@ import numpy as np
 
 from pliant.adaptation import Adaptation, adapt_model, parts_of_day, posterior_of
 from pliant.adaptation.mounting import mounting_parameters
+from pliant.errors import PliantError
 from pliant.identification import Experiment, FitResult, Parameter, fit, predict
 from pliant.identification.parameters import apply
 from pliant.model import Chamber, Model, Station, chain_model
@@ -159,7 +160,13 @@ def main(count: int, kinds: tuple[str, ...] = KINDS, cases: tuple[str, ...] = CA
     table: Counter[tuple[str, str, str]] = Counter()
     for kind in kinds:
         for seed in range(count):
-            for case, (found, names) in verdicts(kind, seed, cases).items():
+            try:
+                days = verdicts(kind, seed, cases)
+            except PliantError as error:
+                table[kind, "any", "arm not identified"] += 1
+                print(kind, seed, error)
+                continue
+            for case, (found, names) in days.items():
                 verdict = "same arm" if found.verdict in ("same arm", "re-mounted") else found.verdict
                 right = " (named)" if found.verdict == "changed body" and named(found, names) else ""
                 table[kind, case, verdict + right] += 1
