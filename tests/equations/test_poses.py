@@ -126,7 +126,7 @@ def test_a_cycle_of_poses_is_that_of_a_capstan_and_an_entry_that_stick(mu, entry
 PARAMETERS = {
     "stiffness": 0.02, "left.lever": 5e-3, "right.pretension": -0.5, "low.gain_x": 0.9, "friction": 0.3,
     "left.line_stiffness": 3e3, "base_tilt_x": 0.1, "base_tilt_z": -0.2, "tip.along": 0.05, "base_z": 0.01,
-    "mass": 0.02, "low.taper": 0.02, "entry_friction": 0.2,
+    "mass": 0.02, "low.taper": 0.02, "entry_friction": 0.2, "spacing": 0.02,
 }  # fmt: skip
 
 

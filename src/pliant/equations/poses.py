@@ -51,10 +51,11 @@ def slip_on(r, x, found, body, work):
     arm = 1e-30 + 0.0 * x[0]
     for i in range(len(x)):
         work.v[i] = x[i] - found.last[i]
+        work.arm[r, i] = body.lever[r, i] + body.chord[r, i] * (x[i] + found.last[i])
         if abs(body.lever[r, i].real) > arm.real:
             arm = body.lever[r, i] if body.lever[r, i].real > 0.0 else -body.lever[r, i]
     for k in range(body.beyond.shape[1]):
-        way = found.run[r, k] + drawn_in(r, k, work.v, body) / (TURN * arm)
+        way = found.run[r, k] + drawn_in(r, k, work.v, body, work) / (TURN * arm)
         if way.real > 1.0:
             way = 1.0 + 0.0 * way
         elif way.real < -1.0:
