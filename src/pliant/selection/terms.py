@@ -249,7 +249,7 @@ def paths_of_tendons(model: Model) -> Iterator[Term]:
     if not any(c.value_of("taper") for _, c in cords):
         yield term("taper", "", [Parameter("taper", 0.0)], {"taper": 0.0})
     if not any(c.value_of("spacing") for _, c in cords):
-        length = float(model.link_length.mean())
+        length = float(model.base_length + model.link_length.sum()) / model.n
         yield term("spacing", "", [Parameter("spacing", length)], {},
                    grid=tuple({"spacing": part * length} for part in (0.5, 1.0)))
 
