@@ -1,14 +1,13 @@
 """Tendons of a chain in space: tension, slack, friction along the path, and a time step of the chain with tendons.
 
 A tendon r with lever arms g_r (N,) [m/rad] has the length l_0 - g_r . x, which is exact for a body that bends in arcs
-and guides the tendon along them. Between guides at a distance d it runs along chords instead, which are shorter than
-the arc through the guides: its length is l_0 - g_r . x - sum_i c_i x_i^2 with c = d^2 / (24 l) at a joint that bends
-the length l, to fourth order of the bend between two guides, and its lever arms are g_i + 2 c_i x_i. When it is drawn
-in by u, its force is s = k (u - g_r . x - sum_i c_i x_i^2) + T_0. A tendon cannot push, so that its tension is
-T = max(0, s). Where it enters the body the tension falls by F run, at most by T run. Over a joint that swings by theta
-it changes by the factor exp(-mu theta run) (capstan), and the joint feels the mean of the tensions before and behind
-it. `run` is 1 where the tendon slips towards the base and -1 where it slips towards the tip, with a smooth transition.
-The energy taken from a coordinate or an input is stored or dissipated by friction, and friction never supplies energy.
+and guides the tendon along them. Between guides at a distance d it runs along chords, which are shorter: its length is
+l_0 - p, p = g_r . x + sum_i c_i x_i^2 with c = d^2 / (24 l) at a joint that bends the length l, and its lever arms are
+g_i + 2 c_i x_i. Drawn in by u, its force is s = k (u - p) + T_0. It cannot push: its tension is T = max(0, s). Where it
+enters the body the tension falls by F run, at most by T run. Over a joint that swings by theta it changes by the factor
+exp(-mu theta run) (capstan), and the joint feels the mean of the tensions before and behind it. `run` is 1 where the
+tendon slips towards the base and -1 where it slips towards the tip, with a smooth transition. The energy taken from a
+coordinate or an input is stored or dissipated by friction, and friction never supplies energy.
 
 Source: Euler and Eytelwein's formula of the capstan
 """
@@ -48,10 +47,7 @@ def write_arms(x, body, work):
 
 
 def tension(s):
-    """Return the tension T = max(0, s) [N] of a tendon from its signed force s [N], and the derivative dT/ds.
-
-    `signed_tension` gives s.
-    """
+    """Return the tension T = max(0, s) [N] of a tendon from its signed force s [N], and the derivative dT/ds."""
     if s.real >= 0.0:
         return s, 1.0 + 0.0 * s
     return 0.0 * s, 0.0 * s
@@ -82,9 +78,8 @@ def swing_angle(k, x):
 
 def drawn_in(r, k, v, body, work):
     """Return the rate [m/s] at which the path of tendon r shortens beyond its entry (k = 0) or beyond the middle of the
-    arc of joint k - 1, at rates v (N,) [rad/s]. With changes of the coordinates for v, it is the length drawn in [m].
-
-    work.arm (R, N) holds the lever arms, for a change those in the middle of it.
+    arc of joint k - 1, at rates v (N,) [rad/s] and lever arms work.arm. With changes of the coordinates for v, and the
+    arms in the middle of the change, it is the length drawn in [m].
     """
     w = 0.0 * v[0]
     for i in range(len(v)):
@@ -141,9 +136,7 @@ def pass_on(r, T, x, body, work):
 
 
 def clear_pull(work):
-    """Set the torques of all tendons in `work` to 0: work.pull (N,) without friction, and work.rub (N,) due to
-    friction.
-    """
+    """Set the torques (N,) of all tendons to 0: work.pull without friction, and work.rub due to friction."""
     for i in range(len(work.pull)):
         work.pull[i] = 0.0 * work.t[i]
         work.rub[i] = 0.0 * work.t[i]
@@ -325,10 +318,9 @@ def solve_step(v, h, body, work):
     """Iterate by Newton's method for the rate changes work.a (N,) of a step of h [s] that balance all forces. Return 1
     on convergence, else 0.
 
-    Without friction the residual is the slope of a convex energy. A move is halved while the slope
-    along it, at its end, has changed sign and is more than half as large as at its start. Numbers with complex-step
-    derivatives need one more move after their values have converged, unless the mean tensions were linear over the last
-    move.
+    Without friction the residual is the slope of a convex energy. A move is halved while the slope along it, at its
+    end, has changed sign and is more than half as large as at its start. Numbers with complex-step derivatives need one
+    more move after their values have converged, unless the mean tensions were linear over the last move.
     """
     fall = 0.0
     agreed = 0.0

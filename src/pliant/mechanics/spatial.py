@@ -78,15 +78,12 @@ class SpatialChain(SpatialNaming, Mechanics):
         return SpatialBody(self.length, *self.link_inertias(), rest, base, gx, gy, gz, *behind)
 
     def _chords(self) -> Array:
-        """Return by how much the path of each of R tendons is shorter for each square of a coordinate, (R, N) [m], as
-        it runs along chords between its guides.
-        """
+        """Return the coefficients (R, N) [m] of squares of the coordinates in the paths of R tendons between guides."""
         at = np.cumsum(self.length)[:-1]
         ends = 0.5 * (at[1:] + at[:-1]) if self.model.base_length else at[1:]
         bent = np.diff([0.0, *ends, self.length.sum()])  # length that each joint bends
-        rows = (self.each_coordinate(row, row, 0.0 * row) for row in self.model.actuation.chords / bent)
-        chords = np.reshape([*rows], (-1, self.turns))
-        return np.pad(chords, ((0, 0), (0, self.size - self.turns)))
+        rows = [self.each_coordinate(row, row, 0.0 * row) for row in self.model.actuation.chords / bent]
+        return np.pad(np.reshape(rows, (-1, self.turns)), ((0, 0), (0, self.size - self.turns)))
 
     def _beyond(self) -> Array:
         """Return the fraction (N, n + 1) of each coordinate's path length that lies beyond the entry into the body,
