@@ -18,7 +18,7 @@ from pliant.identification.prediction import predict
 from pliant.identification.prediction_bands import prediction_band, residual_noise
 from pliant.identification.sensitivity import sensitivities
 from pliant.mechanics import mechanics_of
-from pliant.model import Space, Station, Tendon, chain_model
+from pliant.model import Memory, Space, Station, Tendon, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import Trace, equilibrium
 
@@ -26,6 +26,8 @@ pytestmark = pytest.mark.slow  # kernels of their own are compiled first
 
 AZIMUTHS = {"left": 0.3, "right": 2.4, "low": 4.5}
 STEP = 1e-3  # s, that nothing here takes
+
+RUBBING = ("friction", "entry_friction", "slip_share_1", "slip_angle_1")
 
 
 def robot(friction=0.0, **options):
@@ -123,18 +125,37 @@ def test_a_cycle_of_poses_is_that_of_a_capstan_and_an_entry_that_stick(mu, entry
     assert found[0] < free[0] < found[5]
 
 
+def test_a_joint_with_slip_keeps_a_bend_once_nothing_pulls():
+    """One joint with K = 0.02 N m/rad and one slip element of half of it that slips at 0.1 rad: its loop, by hand."""
+    pull = Tendon.at_azimuth(0.7, [1], driven_by="tension", name="pull", lever=5e-3)
+    slip = Memory(slip_share=(0.5,), slip_angle=(0.1,))
+    model = chain_model(length=0.1, mass=0.01, links=1, joint_placement="midsegment", stiffness=0.02, damping=1e-3,
+                        chambers=[pull], space=Space(), memory=slip)  # fmt: skip
+    model = model.with_(stations=[Station("tip", 0, 0.05)])
+    torque = np.array([0.001, 0.003, 0.007, 0.007, 0.006, 0.0, 0.0, 0.007])  # sticks, slips, held, back, back to none
+    exp = Experiment("b", np.arange(8.0), 0.01 * np.arange(24.0).reshape(8, 1, 3), ("tip",), "trace",
+                     drives={"pull": Trace(np.arange(8.0), torque / 5e-3)}, poses=True)  # fmt: skip
+    found = predict(model, exp, {}, STEP)["position"][:, 0]
+    bend = np.arctan2(np.hypot(found[:, 0], found[:, 1]), found[:, 2] - model.base_length)
+    wanted = [0.001 / 0.03, 0.1, 0.3, 0.3, 0.3 - 0.001 / 0.03, 0.001 / 0.02, 0.001 / 0.02, 0.3]
+    assert bend == pytest.approx(wanted, abs=1e-9)
+    assert np.arctan2(found[:, 1], found[:, 0]) == pytest.approx(0.7, abs=1e-9)
+
+
 PARAMETERS = {
     "stiffness": 0.02, "left.lever": 5e-3, "right.pretension": -0.5, "low.gain_x": 0.9, "friction": 0.3,
     "left.line_stiffness": 3e3, "base_tilt_x": 0.1, "base_tilt_z": -0.2, "tip.along": 0.05, "base_z": 0.01,
-    "mass": 0.02, "low.taper": 0.02, "entry_friction": 0.2,
+    "mass": 0.02, "low.taper": 0.02, "entry_friction": 0.2, "spacing": 0.02,
+    "slip_share_1": 0.4, "slip_angle_1": 0.02,
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_derivatives_against_differences(friction):
     """Of the pose itself and, where it rubs, of the way that led there."""
-    model, exp = robot(friction), recording(4)
-    values = {name: value for name, value in PARAMETERS.items() if friction or "friction" not in name}
+    slip = Memory(slip_share=(0.4,), slip_angle=(0.02,)) if friction else Memory()
+    model, exp = robot(friction, memory=slip), recording(4)
+    values = {name: value for name, value in PARAMETERS.items() if friction or name not in RUBBING}
     sizes = {name: max(abs(value), 1e-2) for name, value in values.items()}
     rows, slopes = sensitivities(model, exp, values, sizes, STEP)
     assert np.abs(rows - predict(model, exp, values, STEP)["position"]).max() < 1e-14

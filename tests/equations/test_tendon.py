@@ -15,7 +15,7 @@ from pliant.compiler.choose import twin
 from pliant.compiler.twin import makes_arrays, reached
 from pliant.equations import motion, spatial, spatial_points, spatial_springs, tendon
 from pliant.mechanics import mechanics_of
-from pliant.model import Space, Tendon, load_model, save_model
+from pliant.model import Space, Tendon, chain_model, load_model, save_model
 
 pytestmark = pytest.mark.slow  # kernels of their own are compiled first
 
@@ -58,18 +58,20 @@ def pulled(chain, x, v=None, run=None):
     work = chain.work(np.asarray(x).dtype.type)
     if run is not None:
         work.run[:] = run
+    tendon.write_arms(x, chain.body, work)
     for r in range(0 if v is None else 3):
         tendon.slip(r, v, chain.body, work)
     tendon.tendon_torques(x, command(chain), chain.body, work)
     return work
 
 
-def test_without_friction_torques_are_the_slope_of_the_stored_energy(rng):
-    chain = swinging(rng)
+@pytest.mark.parametrize("chord", [0.0, 3e-3])
+def test_without_friction_torques_are_the_slope_of_the_stored_energy(rng, chord):
+    chain = swinging(rng, chord=chord)
     body = chain.body
 
     def energy(x):
-        drawn = np.array(DRAWN) + body.pretension - body.tendon_stiffness * (body.lever @ x)
+        drawn = np.array(DRAWN) + body.pretension - body.tendon_stiffness * (body.lever @ x + body.chord @ x**2)
         return np.array([(np.where(drawn.real > 0.0, drawn, 0.0) ** 2 / (2 * body.tendon_stiffness)).sum()])
 
     for x in rng.normal(0, 0.5, (5, 4)):
@@ -104,6 +106,22 @@ def test_at_the_entry_the_tension_falls_by_the_force_of_friction_but_never_below
     assert work.pull + work.rub == pytest.approx(wanted, rel=1e-12)
 
 
+def test_a_tendon_between_guides_is_as_long_as_the_chords_between_them():
+    """A body bent to an arc of 1.2 rad: the chords of a path beside its axis, from its circle's geometry."""
+    length, spacing, lever, bend, azimuth = 0.18, 0.02, 5e-3, 1.2, 0.7
+    cord = Tendon.at_azimuth(azimuth, np.ones(6), driven_by="displacement", lever=lever, line_stiffness=1e3,
+                             spacing=spacing)  # fmt: skip
+    body = mechanics_of(chain_model(length=length, mass=0.01, links=6, joint_placement="midsegment", stiffness=0.02,
+                                    damping=1e-3, chambers=[cord], space=Space())).body  # fmt: skip
+    for way in (0.0, 0.7, 2.0):  # direction of the bend
+        x = np.tile(bend / 6 * np.array([-np.sin(way), np.cos(way)]), 6)
+        turn = bend * spacing / length
+        chord = 2.0 * np.sin(turn / 2.0) * (length / bend - lever * np.cos(way - azimuth))
+        shorter = (body.lever @ x + body.chord @ x**2)[0]
+        assert shorter == pytest.approx(length - length / spacing * chord, abs=1.01 * lever * bend * turn**2 / 24.0)
+        assert abs(shorter - (body.lever @ x)[0]) > 20.0 * lever * bend * turn**2 / 24.0
+
+
 def test_friction_never_supplies_power_in_five_hundred_random_motions(rng):
     chain = swinging(rng, friction=0.4, slip_rate=1e-3, entry=1.2)
     power = np.array([-pulled(chain, x, v).rub @ v for x, v in rng.normal(0, 0.5, (500, 2, 4))])
@@ -111,10 +129,12 @@ def test_friction_never_supplies_power_in_five_hundred_random_motions(rng):
     assert power.max() > 1e-3
 
 
-@pytest.mark.parametrize(("friction", "entry"), [(0.0, 0.0), (0.4, 0.0), (0.0, 0.3), (0.4, 0.3)])
-def test_closed_cycles_give_nothing_back(rng, friction, entry):
+@pytest.mark.parametrize(("friction", "entry", "chord"), [
+    (0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.3, 0.0), (0.4, 0.3, 0.0), (0.0, 0.0, 3e-3), (0.4, 0.3, 3e-3),
+])  # fmt: skip
+def test_closed_cycles_give_nothing_back(rng, friction, entry, chord):
     """Random closed paths of coordinates: friction takes what is put in, at every moment, and never gives."""
-    chain = swinging(rng, friction=friction, slip_rate=1e-3, entry=entry)
+    chain = swinging(rng, friction=friction, slip_rate=1e-3, entry=entry, chord=chord)
     samples, harmonics = 2000, np.arange(1, 4)[:, None]
     for _ in range(3):
         a, b = rng.normal(0, 0.3, (2, 3, 4))
@@ -146,9 +166,9 @@ def reference(chain, end):
     return found.y[:-2, -1].reshape(2, size), *found.y[-2:, -1]
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.4])
-def test_second_order_through_slack_and_taut(rng, friction):
-    chain, end, steps = swinging(rng, friction=friction), 0.05, np.array([150, 300, 600, 1200])
+@pytest.mark.parametrize(("friction", "chord"), [(0.0, 0.0), (0.4, 0.0), (0.0, 5e-4)])
+def test_second_order_through_slack_and_taut(rng, friction, chord):
+    chain, end, steps = swinging(rng, friction=friction, chord=chord), 0.05, np.array([150, 300, 600, 1200])
     exact, _, _ = reference(chain, end)
     errors = [np.abs(run(chain, end / k, k)[0] - exact[0]).max() for k in steps]
     s = [[tendon.signed_tension(r, run(chain, end / 200, k)[0], command(chain), chain.body) for r in range(3)]
@@ -157,10 +177,12 @@ def test_second_order_through_slack_and_taut(rng, friction):
     assert -np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.2), errors
 
 
-@pytest.mark.parametrize(("friction", "entry"), [(0.0, 0.0), (0.4, 0.0), (0.2, 0.5)])
-def test_account_of_a_motion(rng, friction, entry):
+@pytest.mark.parametrize(("friction", "entry", "chord"), [
+    (0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.2, 0.5, 0.0), (0.0, 0.0, 3e-3),
+])  # fmt: skip
+def test_account_of_a_motion(rng, friction, entry, chord):
     """Work of the tendons and loss to friction as the step counts them, against an accurate solution and the energy."""
-    chain, end = swinging(rng, friction=friction, entry=entry), 0.05
+    chain, end = swinging(rng, friction=friction, entry=entry, chord=chord), 0.05
     chain = chain._replace(joints=chain.joints._replace(D=np.zeros(4)))
 
     def stored(x, v):
@@ -205,8 +227,8 @@ def test_stiff_tendons_need_no_small_step(rng, h, friction):
 
 def test_slopes_of_a_step_by_what_tendons_have(rng):
     """Complex steps through Newton's method, with friction, against differences of the converged step."""
-    chain = swinging(rng, friction=0.4, slip_rate=0.01, entry=0.2)
-    names = ("lever", "tendon_stiffness", "pretension", "friction", "entry_friction")
+    chain = swinging(rng, friction=0.4, slip_rate=0.01, entry=0.2, chord=3e-3)
+    names = ("lever", "chord", "tendon_stiffness", "pretension", "friction", "entry_friction")
     given = {name: getattr(chain.body, name) for name in names}
     given |= {"x": chain.x, "v": chain.v, "drawn": np.array(DRAWN)}
 

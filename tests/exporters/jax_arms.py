@@ -37,14 +37,17 @@ INPUTS: dict[str, dict[str, Any]] = {
 
 
 def with_inputs(model: Model, kind: str) -> Model:
-    """The model with its chambers of another kind; tendons rub, hang slack or pull against each other instead."""
+    """The model with its chambers of another kind; tendons with guides rub, hang slack or pull against each other
+    instead.
+    """
     given = dict(INPUTS[kind])
     law, second = given.pop("law", None), given.pop("torque_2", 0.0)
 
     def other(c: Chamber) -> Chamber:
         if c.kind != "pressure":
             friction = {"friction": 0.2, "entry_friction": 0.27}  # no tension of `levels`: there it has a kink
-            more = friction | {"pretension": 3.0 if c.pair else -0.5} if kind != "plain" else {}
+            path = {"pretension": 3.0 if c.pair else -0.5, "spacing": 0.05}
+            more = friction | path if kind != "plain" else {}
             return replace(c, **more if c.elastic else {k: more.get(k, 0.0) for k in ("friction", "entry_friction")})
         torque = [c.torque[0], 1e5] if law else [c.torque[0], second * c.torque[0] / 1e5]
         return replace(c, torque=np.array(torque), law=law or "polynomial", **given)

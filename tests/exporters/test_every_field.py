@@ -40,7 +40,7 @@ def rich(kind: str = "limits") -> Model:
     if kind == "space":
         body = pulled(2)
         first, pair, *more = body.chambers
-        rubbing = dataclasses.replace(first, friction=0.1, entry_friction=0.2)
+        rubbing = dataclasses.replace(first, friction=0.1, entry_friction=0.2, spacing=0.04)
         cords = [rubbing, dataclasses.replace(pair, pretension=9.0), *more]
         return body.with_(chambers=cords, space=dataclasses.replace(body.space, twist_ratio=0.7), stiffening=-0.1,
                           cubic_stiffening=0.2, stiffening_bound=0.7)

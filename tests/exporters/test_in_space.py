@@ -74,10 +74,11 @@ def test_typical_input_bends_by_half_a_radian(spatial):
 
 
 def of_all_kinds() -> Model:
-    """Two joints that twist, soften and remember, a chamber, a tendon that may hang slack, a pair."""
+    """Two joints that twist, soften and remember, a chamber, a tendon that may hang slack, a pair, both with guides."""
     soft = {"stiffening": -0.2, "cubic_stiffening": 0.1, "stiffening_bound": 0.7}
     memory = Memory((0.1,), (0.5,), (0.1,), (0.02,), boucwen_share=0.1)
-    inputs = (twisting(2).chambers[0], *pulled(2).chambers[:2])
+    cords = (replace(cord, spacing=0.05) for cord in pulled(2).chambers[:2])
+    inputs = (twisting(2).chambers[0], *cords)
     return twisting(2).with_(chambers=inputs, memory=memory, name="all_kinds", **soft)
 
 

@@ -61,7 +61,10 @@ def test_blocks_of_poses_that_the_fit_did_not_see_are_predicted(shared_data):
     assert sum(e.time.size for e in ready.experiments.values()) == 270
     alone = error(ready._replace(model=model), ROBOT)
     assert alone < 6e-3
-    assert error(ready._replace(model=model), ROBOT | {"entry_friction": 0.04}) < 0.97 * alone  # the tip trails
+    trailing = error(ready._replace(model=model), ROBOT | {"entry_friction": 0.04})
+    assert trailing < 0.97 * alone  # the tip trails
+    guided = error(ready._replace(model=model), ROBOT | {"entry_friction": 0.05, "spacing": 0.02})
+    assert guided < 0.9 * trailing  # discs at each third of a segment
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ class SpaceChain(NamedTuple):
 
 def no_tendons(n, size):
     """The last entries of a body of n links without tendons whose length does not change."""
-    return np.zeros((0, size)), *np.zeros((5, 0)), np.zeros((size, 1)), np.zeros((n + 1, 0))
+    return *np.zeros((2, 0, size)), *np.zeros((5, 0)), np.zeros((size, 1)), np.zeros((n + 1, 0))
 
 
 def beyond_joints(n, size):
@@ -40,12 +40,14 @@ def beyond_joints(n, size):
     return np.hstack([np.ones((size, 1)), arcs])
 
 
-def with_tendons(chain, rng, *, stiffness=800.0, pretension=1.5, friction=0.0, slip_rate=0.05, entry=0.0):
+def with_tendons(chain, rng, *, stiffness=800.0, pretension=1.5, friction=0.0, slip_rate=0.05, entry=0.0, chord=0.0):
     """The chain with three tendons, the second of which hangs slack at rest; none turns a twist."""
     lever = rng.normal(0, 0.01, (3, len(chain.x)))
     lever[:, 2 * chain.n :] = 0.0
+    swings = np.arange(len(chain.x)) < 2 * chain.n
     body = chain.body._replace(
-        lever=lever, tendon_stiffness=np.full(3, stiffness), pretension=pretension * np.array([1.0, -1.0, 1.0]),
+        lever=lever, chord=chord * np.tile(swings, (3, 1)), tendon_stiffness=np.full(3, stiffness),
+        pretension=pretension * np.array([1.0, -1.0, 1.0]),
         friction=np.full(3, friction), slip_rate=np.full(3, slip_rate), beyond=beyond_joints(chain.n, len(chain.x)),
         entry_friction=np.full(3, entry),
     )
@@ -86,10 +88,11 @@ def lengthening(chain, rng, segments, *, springs=True):
     )
     lever = np.zeros((len(chain.body.lever), size))
     lever[:, : len(chain.x)] = chain.body.lever
+    chord = np.pad(chain.body.chord, ((0, 0), (0, segments)))
     lever[:, len(chain.x) :] = -rng.uniform(0.05, 0.1, (len(lever), segments))
     along = np.tile(np.linspace(0.9, 0.1, chain.body.beyond.shape[1]), (segments, 1))
     beyond = np.concatenate([chain.body.beyond, along])
-    return SpaceChain(chain.body._replace(share=share, lever=lever, beyond=beyond), joints,
+    return SpaceChain(chain.body._replace(share=share, lever=lever, chord=chord, beyond=beyond), joints,
                       np.append(chain.x, rng.uniform(-0.3, 0.4, segments)),
                       np.append(chain.v, rng.normal(0, 5.0, segments)))  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Terms of a body that tendons pull, on settled poses: friction along the tendons and at their entries."""
+"""Terms of a body that tendons pull, on settled poses: friction along the tendons and at their entries, and guides."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def test_both_frictions_are_terms_without_effect_at_their_null_values():
         assert np.abs(residual([p.with_(value=0.2) for p in held]) - still).max() > 1e-2, name
 
 
-@pytest.mark.parametrize(("name", "value"), [("friction", 0.4), ("entry_friction", 0.15)])
-def test_poses_determine_the_friction_that_made_them(name, value):
+@pytest.mark.parametrize(("name", "value"), [("friction", 0.4), ("entry_friction", 0.15), ("spacing", 0.03)])
+def test_poses_determine_what_made_them(name, value):
     _, exp = case(**{name: value})
     model, _ = case()
     parameters = [Parameter("stiffness", 0.025), Parameter(name, 0.05)]
@@ -67,3 +67,10 @@ def test_an_imbalance_that_the_model_states_is_where_its_term_has_no_effect():
     still = setting.problem(model, [stiffness])
     held = setting.problem(model, [stiffness, *offered(model, exp)["imbalance"].at_null({}, {"stiffness": 0.02})])
     np.testing.assert_allclose(held.data_residual(held.start), still.data_residual(still.start), atol=1e-12)
+
+
+def test_a_distance_between_guides_is_tried_at_fractions_of_a_link():
+    terms = offered(*case())
+    assert [row["spacing"] for row in terms["spacing"].grid] == pytest.approx([0.05, 0.1])
+    assert not terms["spacing"].null
+    assert "spacing" not in offered(*case(spacing=0.03))

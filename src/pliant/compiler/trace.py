@@ -237,7 +237,7 @@ def spatial_workspace(
     shapes: dict[str, tuple[int, ...]] = {
         "A": (size, size), "B": (size, size), "tau": (size + tendons,), "R": (n + 1, 3, 3), "r": (n + 1, 3),
         "P": (n, 3, 3), "series": (n, 4), "J": (n, 3, 3),
-        **dict.fromkeys(("tension", "slope", "start"), (tendons,)), "felt": (tendons, size),
+        **dict.fromkeys(("tension", "slope", "start"), (tendons,)), **dict.fromkeys(("felt", "arm"), (tendons, size)),
         **dict.fromkeys(("run", "ease", "kept"), (tendons, n + 1)),
         **dict.fromkeys("SEFN", (turned, 3)), **dict.fromkeys("CLM", (n, 3)),
         **dict.fromkeys(("omega", "alpha", "lift", "turn"), (3,)),
@@ -264,7 +264,7 @@ def spatial_arguments(
     masses = (zeros(n), zeros(n), zeros(n), zeros(n))
     constants = (zeros(tendons) for _ in range(5))
     spin = zeros(2 if axial & TURNS else 0, 3)
-    behind = (zeros(tendons, size), *constants, zeros(size, n + 1), zeros(n + 1, segments), spin)
+    behind = (zeros(tendons, size), zeros(tendons, size), *constants, zeros(size, n + 1), zeros(n + 1, segments), spin)
     return {
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size + tendons), "a": zeros(size),
         "total": zeros(3), **{name: zeros(size) for name in ("t", "f", "pull")}, "B": zeros(size, size),

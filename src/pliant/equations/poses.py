@@ -1,8 +1,9 @@
 """Static poses of a chain in space: one equilibrium under a load, or a sequence of equilibria, each under its own
 torques and tendon inputs.
 
-The friction of tendons acts against the motion from one pose to the next and holds a tendon that does not slip, so that
-a pose depends on the path that led to it: the slip directions are states. Derivatives are complex steps, so that all
+The friction of tendons acts against the motion from one pose to the next and holds a tendon that does not slip, and the
+slip elements of the joints stretch with it until they slip. A pose therefore depends on the path that led to it: the
+slip directions and the stretches are states. Derivatives are complex steps, so that all
 arrays except the resulting poses are complex. The imaginary parts of the inputs give those of the poses by the implicit
 function theorem.
 """
@@ -14,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.equations.observation import observe
+from pliant.equations.spatial_memory import ratio_of, yielded
 from pliant.equations.spatial_points import add_pose_loads
 from pliant.equations.tendon import drawn_in, eliminate, forces_at_rest
 
@@ -39,6 +41,9 @@ class Settling(NamedTuple):
     move: np.ndarray  # (N,) Newton move
     run: np.ndarray  # (R, n + 1) slip directions of R tendons at the pose before
     load: np.ndarray  # (n + 1, 3, 5) forces on the links, as `add_pose_loads` takes them
+    stretch: np.ndarray  # (J, T) rad, stretches of J slip elements of the joints' T angles at the pose before
+    share: np.ndarray  # (J,) their stiffness, as a fraction of the joint's
+    limit: np.ndarray  # (J,) rad, the stretch at which they slip
 
 
 def slip_on(r, x, found, body, work):
@@ -51,10 +56,11 @@ def slip_on(r, x, found, body, work):
     arm = 1e-30 + 0.0 * x[0]
     for i in range(len(x)):
         work.v[i] = x[i] - found.last[i]
+        work.arm[r, i] = body.lever[r, i] + body.chord[r, i] * (x[i] + found.last[i])
         if abs(body.lever[r, i].real) > arm.real:
             arm = body.lever[r, i] if body.lever[r, i].real > 0.0 else -body.lever[r, i]
     for k in range(body.beyond.shape[1]):
-        way = found.run[r, k] + drawn_in(r, k, work.v, body) / (TURN * arm)
+        way = found.run[r, k] + drawn_in(r, k, work.v, body, work) / (TURN * arm)
         if way.real > 1.0:
             way = 1.0 + 0.0 * way
         elif way.real < -1.0:
@@ -62,9 +68,36 @@ def slip_on(r, x, found, body, work):
         work.run[r, k] = way
 
 
+def stretch_on(j, i, k, ratio, x, found):
+    """Return the stretch (two components) [rad] of slip element j at the coordinates i and k of a joint, after the
+    chain has moved from found.last (N,) to x (N,). It is scaled back to its limit where the element slips.
+
+    `ratio` is K_k / K_i; a twist has k = i, ratio 0 and the second component 0.
+    """
+    a = found.stretch[j, i] + x[i] - found.last[i]
+    b = 0.0 * a
+    if k > i:
+        b = found.stretch[j, k] + x[k] - found.last[k]
+    part, _, _ = yielded(a, b, ratio, found.limit[j])
+    return part * a, part * b
+
+
+def add_slip(x, found, joints, push):
+    """Add the torques [N m] of the joints' slip elements at x (N,) to push (N,), as `forces_after`."""
+    n = len(joints.unloaded)
+    for j in range(len(found.share)):
+        for i in range(0, 2 * n, 2):
+            a, b = stretch_on(j, i, i + 1, ratio_of(i, joints), x, found)
+            push[i] = push[i] - found.share[j] * joints.K[i] * a
+            push[i + 1] = push[i + 1] - found.share[j] * joints.K[i + 1] * b
+        for i in range(2 * n, found.stretch.shape[1]):
+            a, _ = stretch_on(j, i, i, 0.0 * x[i], x, found)
+            push[i] = push[i] - found.share[j] * joints.K[i] * a
+
+
 def forces_after(x, torque, found, body, joints, work, push):
     """Write the net generalized force on the chain at rest at x (N,) to push (N,) [N m]. The chain has moved there from
-    found.last (N,), with the slip directions found.run of its tendons.
+    found.last (N,), with the slip directions found.run of its tendons and the stretches found.stretch of its joints.
 
     Friction opposes this motion. The force is zero in equilibrium. found.load are the forces on the links.
     """
@@ -72,6 +105,7 @@ def forces_after(x, torque, found, body, joints, work, push):
         slip_on(r, x, found, body, work)
     forces_at_rest(x, torque, body, joints, work, push)
     add_pose_loads(found.load, body, work, push)
+    add_slip(x, found, joints, push)
 
 
 def stiffness_at(x, torque, found, body, joints, work, K):
@@ -166,8 +200,8 @@ def settle_all(torque, body, joints, work, found):
     """Find the static pose under each row of `torque` (T + 1, N + R): N torques [N m], then the inputs [N] of R
     tendons. Each search starts from the pose before.
 
-    found.x[0] (N,) is the given equilibrium of the first row, without friction: found.run is 0 there. Returns the index
-    of the first row without a stable equilibrium, or -1.
+    found.x[0] (N,) is the given equilibrium of the first row, without friction: found.run and found.stretch are 0
+    there. Returns the index of the first row without a stable equilibrium, or -1.
     """
     size = found.x.shape[1]
     for i in range(size):
@@ -180,18 +214,29 @@ def settle_all(torque, body, joints, work, found):
                 good = reach(torque[row], torque[row - 1], parts, body, joints, work, found, found.K[row])
         if not good > 0.0:
             return row
-        move_on(body, work, found)
+        move_on(body, joints, work, found)
         for i in range(size):
             found.x[row, i] = found.at[i].real
     return -1
 
 
-def move_on(body, work, found):
-    """Make the pose found.at (N,) the one from which the next is sought: update found.last (N,) and found.run."""
+def move_on(body, joints, work, found):
+    """Make the pose found.at (N,) the one from which the next is sought: update found.last (N,), found.run and
+    found.stretch.
+    """
     for r in range(len(body.friction)):
         slip_on(r, found.at, found, body, work)
         for k in range(found.run.shape[1]):
             found.run[r, k] = work.run[r, k]
+    n = len(joints.unloaded)
+    for j in range(len(found.share)):
+        for i in range(0, 2 * n, 2):
+            a, b = stretch_on(j, i, i + 1, ratio_of(i, joints), found.at, found)
+            found.stretch[j, i] = a
+            found.stretch[j, i + 1] = b
+        for i in range(2 * n, found.stretch.shape[1]):
+            a, _ = stretch_on(j, i, i, 0.0 * found.at[i], found.at, found)
+            found.stretch[j, i] = a
     for i in range(len(found.at)):
         found.last[i] = found.at[i]
 
@@ -205,6 +250,9 @@ def show_all(torque, body, joints, work, found, places, seen):
     for r in range(len(body.friction)):
         for k in range(found.run.shape[1]):
             found.run[r, k] = 0.0
+    for j in range(len(found.share)):
+        for i in range(found.stretch.shape[1]):
+            found.stretch[j, i] = 0.0
     for row in range(len(found.x)):
         for i in range(size):
             found.at[i] = complex(found.x[row, i], 0.0)
@@ -218,5 +266,5 @@ def show_all(torque, body, joints, work, found, places, seen):
             found.at[i] = found.at[i] + found.move[i]
             if row == 0:
                 found.last[i] = found.at[i]
-        move_on(body, work, found)
+        move_on(body, joints, work, found)
         observe(found.at, joints.base_angle, places, seen[row])

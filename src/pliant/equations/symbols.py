@@ -65,6 +65,7 @@ class SpatialBody(NamedTuple):
     gy: float  # m/s^2
     gz: float  # m/s^2
     lever: np.ndarray  # (R, N) m, lever arm of each tendon at each coordinate, see `tendon`; no rows without tendons
+    chord: np.ndarray  # (R, N) m, by which its path is shorter for each square of a coordinate: chords between guides
     tendon_stiffness: np.ndarray  # (R,) N/m
     pretension: np.ndarray  # (R,) N
     friction: np.ndarray  # (R,) coefficient of friction along the path
@@ -352,6 +353,7 @@ class SpatialWorkspace(NamedTuple):
     start: np.ndarray  # (R,) N, forces of `tendon.signed_tension` at the start of the step
     tension: np.ndarray  # (R,) N, mean tensions at the base
     slope: np.ndarray  # (R,) their derivatives by the force at the end of the step
+    arm: np.ndarray  # (R, N) m, lever arms of the tendons at the present coordinates
     run: np.ndarray  # (R, n + 1) 1 where a tendon slips towards the base, at its entry and at joints; -1 to the tip
     ease: np.ndarray  # (R, n + 1) s/m, slope of `run` by the rate of slip
     kept: np.ndarray  # (R, n + 1) fraction of the tension behind the entry and behind each joint

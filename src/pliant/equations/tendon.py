@@ -1,11 +1,13 @@
 """Tendons of a chain in space: tension, slack, friction along the path, and a time step of the chain with tendons.
 
-A tendon r with constant lever arms g_r (N,) [m/rad] has the length l_0 - g_r . x, which is exact for a body that bends
-in arcs. When it is drawn in by u, its force is s = k (u - g_r . x) + T_0. A tendon cannot push, so that its tension is
-T = max(0, s). Where it enters the body the tension falls by F run, at most by T run. Over a joint that swings by theta
-it changes by the factor exp(-mu theta run) (capstan), and the joint feels the mean of the tensions before and behind
-it. `run` is 1 where the tendon slips towards the base and -1 where it slips towards the tip, with a smooth transition.
-The energy taken from a coordinate or an input is stored or dissipated by friction, and friction never supplies energy.
+A tendon r with lever arms g_r (N,) [m/rad] has the length l_0 - g_r . x, which is exact for a body that bends in arcs
+and guides the tendon along them. Between guides at a distance d it runs along chords, which are shorter: its length is
+l_0 - p, p = g_r . x + sum_i c_i x_i^2 with c = d^2 / (24 l) at a joint that bends the length l, and its lever arms are
+g_i + 2 c_i x_i. Drawn in by u, its force is s = k (u - p) + T_0. It cannot push: its tension is T = max(0, s). Where it
+enters the body the tension falls by F run, at most by T run. Over a joint that swings by theta it changes by the factor
+exp(-mu theta run) (capstan), and the joint feels the mean of the tensions before and behind it. `run` is 1 where the
+tendon slips towards the base and -1 where it slips towards the tip, with a smooth transition. The energy taken from a
+coordinate or an input is stored or dissipated by friction, and friction never supplies energy.
 
 Source: Euler and Eytelwein's formula of the capstan
 """
@@ -33,15 +35,19 @@ def signed_tension(r, x, torque, body):
     """
     bent = 0.0 * x[0]
     for i in range(len(x)):
-        bent = bent + body.lever[r, i] * x[i]
+        bent = bent + (body.lever[r, i] + body.chord[r, i] * x[i]) * x[i]
     return body.pretension[r] + torque[len(x) + r] - body.tendon_stiffness[r] * bent
 
 
-def tension(s):
-    """Return the tension T = max(0, s) [N] of a tendon from its signed force s [N], and the derivative dT/ds.
+def write_arms(x, body, work):
+    """Write the lever arms of all tendons at coordinates x (N,) to work.arm (R, N) [m]."""
+    for r in range(len(body.friction)):
+        for i in range(len(x)):
+            work.arm[r, i] = body.lever[r, i] + 2.0 * body.chord[r, i] * x[i]
 
-    `signed_tension` gives s.
-    """
+
+def tension(s):
+    """Return the tension T = max(0, s) [N] of a tendon from its signed force s [N], and the derivative dT/ds."""
     if s.real >= 0.0:
         return s, 1.0 + 0.0 * s
     return 0.0 * s, 0.0 * s
@@ -70,13 +76,14 @@ def swing_angle(k, x):
     return np.sqrt(x[2 * k] * x[2 * k] + x[2 * k + 1] * x[2 * k + 1] + TINY)
 
 
-def drawn_in(r, k, v, body):
+def drawn_in(r, k, v, body, work):
     """Return the rate [m/s] at which the path of tendon r shortens beyond its entry (k = 0) or beyond the middle of the
-    arc of joint k - 1, at rates v (N,) [rad/s]. With changes of the coordinates for v, it is the length drawn in [m].
+    arc of joint k - 1, at rates v (N,) [rad/s] and lever arms work.arm. With changes of the coordinates for v, and the
+    arms in the middle of the change, it is the length drawn in [m].
     """
     w = 0.0 * v[0]
     for i in range(len(v)):
-        w = w + body.beyond[i, k] * (body.lever[r, i] * v[i])
+        w = w + body.beyond[i, k] * (work.arm[r, i] * v[i])
     return w
 
 
@@ -97,14 +104,14 @@ def slip(r, v, body, work):
     """Write the slip direction of tendon r at its entry and at each of n joints to work.run[r], from -1 (towards the
     tip) to 1 (towards the base), and its derivative with respect to the rate of slip [s/m] to work.ease[r].
 
-    run = w / sqrt(w^2 + w_0^2), with the rate of slip w of `drawn_in` at rates v (N,) and the slip rate w_0. Without
-    friction nothing is written.
+    run = w / sqrt(w^2 + w_0^2), with the rate of slip w of `drawn_in` at rates v (N,) and the slip rate w_0, after
+    `write_arms`. Without friction nothing is written.
     """
     if not (body.friction[r] + body.entry_friction[r]).real > 0.0:
         return
     edge = body.slip_rate[r] * body.slip_rate[r]
     for k in range(body.beyond.shape[1]):
-        w = drawn_in(r, k, v, body)
+        w = drawn_in(r, k, v, body, work)
         root = np.sqrt(w * w + edge)
         work.run[r, k] = w / root
         work.ease[r, k] = edge / (root * root * root)
@@ -129,22 +136,20 @@ def pass_on(r, T, x, body, work):
 
 
 def clear_pull(work):
-    """Set the torques of all tendons in `work` to 0: work.pull (N,) without friction, and work.rub (N,) due to
-    friction.
-    """
+    """Set the torques (N,) of all tendons to 0: work.pull without friction, and work.rub due to friction."""
     for i in range(len(work.pull)):
         work.pull[i] = 0.0 * work.t[i]
         work.rub[i] = 0.0 * work.t[i]
 
 
-def add_pull(r, T, body, work):
+def add_pull(r, T, work):
     """Add the torques of tendon r at the tension T [N] to work.pull (N,), and their change by friction to work.rub (N,)
     [N m].
 
-    `pass_on` must have written work.felt before.
+    `pass_on` must have written work.felt, and `write_arms` work.arm before.
     """
     for i in range(len(work.pull)):
-        torque = body.lever[r, i] * T
+        torque = work.arm[r, i] * T
         work.pull[i] = work.pull[i] + torque
         work.rub[i] = work.rub[i] + torque * (work.felt[r, i] - 1.0)
 
@@ -156,10 +161,11 @@ def tendon_torques(x, torque, body, work):
     `torque` (N + R,) holds behind the N torques the input [N] of each tendon. The slip direction is that of `work.run`.
     """
     clear_pull(work)
+    write_arms(x, body, work)
     for r in range(len(body.friction)):
         T, _ = tension(signed_tension(r, x, torque, body))
         pass_on(r, T, x, body, work)
-        add_pull(r, T, body, work)
+        add_pull(r, T, work)
 
 
 def accelerate(x, v, torque, body, joints, work, a):
@@ -169,6 +175,7 @@ def accelerate(x, v, torque, body, joints, work, a):
 
     `torque` (N + R,) holds the torques [N m] of the coordinates, then the input [N] of each tendon.
     """
+    write_arms(x, body, work)
     for r in range(len(body.friction)):
         slip(r, v, body, work)
     tendon_torques(x, torque, body, work)
@@ -213,7 +220,7 @@ def mean_tensions(v, h, body, work):
     for r in range(len(body.friction)):
         change = 0.0 * v[0]
         for i in range(len(v)):
-            change = change + body.lever[r, i] * work.v[i]
+            change = change + work.arm[r, i] * work.v[i]
         T, slope = mean_tension(work.start[r], work.start[r] - h * body.tendon_stiffness[r] * change)
         if slope.real != work.slope[r].real:
             same = 0.0
@@ -235,7 +242,7 @@ def pull_over_step(v, h, body, work):
     for r in range(len(body.friction)):
         slip(r, work.v, body, work)
         pass_on(r, work.tension[r], work.q, body, work)
-        add_pull(r, work.tension[r], body, work)
+        add_pull(r, work.tension[r], work)
     return same
 
 
@@ -252,9 +259,9 @@ def add_slopes(r, h, body, work):
     if work.tension[r].real > body.entry_friction[r].real and body.entry_friction[r].real > 0.0:
         stiff = stiff / entered  # T felt_i is (T - F run) times a constant
     for i in range(size):
-        moved = h * body.lever[r, i]
+        moved = h * work.arm[r, i]
         for j in range(size):
-            work.B[i, j] = work.B[i, j] + moved * (stiff * work.felt[r, i]) * body.lever[r, j]
+            work.B[i, j] = work.B[i, j] + moved * (stiff * work.felt[r, i]) * work.arm[r, j]
         if (body.friction[r] + body.entry_friction[r]).real > 0.0:
             left = 0.0 * moved
             for k in range(last, -1, -1):
@@ -265,7 +272,7 @@ def add_slopes(r, h, body, work):
                 loss = grip(r, k, work.tension[r], work.q, body) * work.ease[r, k]
                 weight = 0.5 * moved * work.tension[r] * loss * part
                 for j in range(size):
-                    work.B[i, j] = work.B[i, j] + weight * body.beyond[j, k] * body.lever[r, j]
+                    work.B[i, j] = work.B[i, j] + weight * body.beyond[j, k] * work.arm[r, j]
 
 
 def eliminate(B, b):
@@ -311,10 +318,9 @@ def solve_step(v, h, body, work):
     """Iterate by Newton's method for the rate changes work.a (N,) of a step of h [s] that balance all forces. Return 1
     on convergence, else 0.
 
-    Without friction the residual is the slope of a convex energy. A move is halved while the slope
-    along it, at its end, has changed sign and is more than half as large as at its start. Numbers with complex-step
-    derivatives need one more move after their values have converged, unless the mean tensions were linear over the last
-    move.
+    Without friction the residual is the slope of a convex energy. A move is halved while the slope along it, at its
+    end, has changed sign and is more than half as large as at its start. Numbers with complex-step derivatives need one
+    more move after their values have converged, unless the mean tensions were linear over the last move.
     """
     fall = 0.0
     agreed = 0.0
@@ -367,7 +373,7 @@ def pull_without_friction(body, work):
         work.pull[i] = 0.0 * work.a[i]
     for r in range(len(body.friction)):
         for i in range(len(work.a)):
-            work.pull[i] = work.pull[i] + body.lever[r, i] * work.tension[r]
+            work.pull[i] = work.pull[i] + work.arm[r, i] * work.tension[r]
 
 
 def build_taut(h, body, work):
@@ -381,9 +387,9 @@ def build_taut(h, body, work):
         stiff = (0.5 * h * h) * body.tendon_stiffness[r] * work.slope[r]
         if stiff.real > 0.0:
             for i in range(len(work.a)):
-                row = stiff * body.lever[r, i]
+                row = stiff * work.arm[r, i]
                 for j in range(i + 1):
-                    work.B[i, j] = work.B[i, j] + row * body.lever[r, j]
+                    work.B[i, j] = work.B[i, j] + row * work.arm[r, j]
 
 
 def factor_taut(B):
@@ -409,12 +415,13 @@ def step(x, v, h, torque, body, joints, work):
 
     `spatial.step` is the function for a chain without tendons.
 
-    Tensions are means over the step, friction is evaluated at the mid-step rates. `work.a` keeps the change of v,
+    Tensions are means over the step; lever arms and friction are those in mid-step. `work.a` keeps the change of v,
     `work.pull` the torques of the tendons without friction, and `work.rub` the change of these by friction. Without
     friction, and while no tendon turns slack or taut, the step is linear and takes one factorisation; else Newton's
     method solves it. Where that does not converge, the rates become `FAR`, which `follows` rejects.
     """
     build_step(x, v, h, torque, body, joints, work)
+    write_arms(work.q, body, work)
     for i in range(len(x)):
         work.a[i] = 0.0 * v[i]
         work.rub[i] = 0.0 * v[i]

@@ -37,7 +37,7 @@ CAN = LATER_TERMS | {
     "springs", "drive", "chambers", "points", "lengthening", "space_lengthening", "curved_segments", "axial_memory",
     "tied_segments", "gravity", "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "two_lags", "lag",
     "rates", "swelling", "inflation", "creep", "slip", "space", "twist", "soft_swing", "space_memory", "tendons",
-    "tendon_friction", "pair_pretension", "boucwen",
+    "tendon_friction", "tendon_chords", "pair_pretension", "boucwen",
 }
 AXES = {2: "x and y", 3: "x, y and z"}  # by the dimension of space
 MOST_LINKS = 24  # the code of a step grows with the cube of the number of links

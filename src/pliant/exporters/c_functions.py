@@ -36,7 +36,7 @@ FORM = 5  # index of the law's number in a chamber's constants, which is fixed i
 UNIT = {  # of each parameter; one unit for each column where they differ
     **{d.name: d.quantity.unit for d in declared()}, "dead_time": "s", "valve": "s, s, Pa/s, Pa/s",
     "rubber": "1, s, Pa, s, 1", "boucwen": "1, 1/rad^n, 1/rad^n, 1", "tendon_stiffness": "N/m", "beyond": "1",
-    "share": "1", "tied": "1",
+    "chord": "m", "share": "1", "tied": "1",
 }
 LIMITS = {  # in place of constants of these names, in single precision: what it can reach, and numbers that it can hold
     "AGREE": 2e-6,  # rad, see `equations.memory`

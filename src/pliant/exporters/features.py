@@ -174,6 +174,7 @@ WITHOUT: dict[str, Change] = {  # by key of `FEATURES`
     "space_memory": lambda m: m.with_(memory=Memory()),
     "tendons": refused("is driven by tendons, which this target cannot express: export to mjcf, c99 or fmu"),
     "tendon_friction": of_chambers(lambda c: c.changed(friction=0.0, entry_friction=0.0)),
+    "tendon_chords": of_chambers(lambda c: c.changed(spacing=0.0)),
     "pair_pretension": of_chambers(both_taut),
     "boucwen": of_memory(boucwen_share=0.0),
 }

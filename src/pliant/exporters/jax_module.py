@@ -65,7 +65,8 @@ def exported_parameters(model: Model) -> dict[str, Array]:
 
 def units(model: Model) -> dict[str, str]:
     """Return the unit of each parameter of the exported module; those that depend on the input name it."""
-    known = UNIT | {d.name: d.quantity.unit for d in declared()} | {"tendon_stiffness": "N/m", "beyond": "1"}
+    tendons = {"tendon_stiffness": "N/m", "beyond": "1", "chord": "m"}
+    known = UNIT | {d.name: d.quantity.unit for d in declared()} | tendons
     inputs = ", ".join(dict.fromkeys(model.actuation.units))
     unit_of = {name: f"{inputs.replace(', ', '/s, ')}/s" for name in ("rise_rate", "fall_rate")}
     unit_of |= {"torque": f"N m, or N of a tendon, over powers of {inputs}", "joint_gain": "1, or m of a strain"}

@@ -58,7 +58,9 @@ def equilibrium_poses(forward: ForwardProblem) -> Settling:
     """
     chain, numbers = mechanics_of(forward.model), in_kind(forward.numbers, COMPLEX)
     torque = commands(numbers)
-    poses = settling(len(torque) - 1, chain.size, torque.shape[1], chain.no_loads())
+    slip = numbers.memory.slip_share, numbers.memory.slip_angle
+    turns = forward.model.turns * forward.model.n
+    poses = settling(len(torque) - 1, chain.size, torque.shape[1], chain.no_loads(), slip, turns)
     poses.x[0] = chain.equilibrium(torque[0].real, np.zeros(chain.dimension), None)
     failed = twin(settle_all)(torque, numbers.body, numbers.joints, chain.workspace(complex), poses)
     if failed >= 0:
@@ -86,6 +88,7 @@ def observed_poses(forward: ForwardProblem, numbers: Numbers, poses: Settling) -
     chain = mechanics_of(forward.model)
     points = places_of(forward, numbers, COMPLEX)
     show = twin(show_all, *chain.sizes)
+    poses = poses._replace(share=numbers.memory.slip_share, limit=numbers.memory.slip_angle)
     show(commands(numbers), numbers.body, numbers.joints, chain.workspace(complex), poses, points, out)
     return out[1:]
 

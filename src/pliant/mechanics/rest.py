@@ -5,7 +5,8 @@ It is for chains in a plane; `equations.poses` does this in space.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -43,15 +44,22 @@ def loaded_rest(residual: Callable[[Array, float], tuple[Array, Array]], q: Arra
     return q
 
 
-def settling(poses: int, size: int, inputs: int, load: Array) -> Settling:
+def settling(
+    poses: int, size: int, inputs: int, load: Array, slip: Sequence[Any] = ((), ()), turns: int = 0,
+) -> Settling:
     """Return the arrays for a search of `poses` static poses of a chain in space, starting at rest in the unloaded
     shape.
 
     The chain has `size` coordinates.
 
-    `inputs` counts the torques of coordinates and the commands of tendons; `load` is that of forces on the links.
+    `inputs` counts the torques of coordinates and the commands of tendons; `load` is that of forces on the links;
+    `slip` are the shares and limits [rad] of the joints' slip elements, which act on the first `turns`
+    coordinates.
     """
     now, last, push, move = np.zeros((4, size), dtype=complex)
     run = np.zeros((inputs - size, len(load)), dtype=complex)
     K = np.zeros((poses + 1, size, size))
-    return Settling(np.zeros((poses + 1, size)), K, now, last, np.zeros(inputs, complex), push, move, run, load + 0.0j)
+    share, limit = (np.array(part, dtype=complex) for part in slip)
+    stretch = np.zeros((share.size, turns), dtype=complex)
+    return Settling(np.zeros((poses + 1, size)), K, now, last, np.zeros(inputs, complex), push, move, run, load + 0.0j,
+                    stretch, share, limit)

@@ -73,9 +73,17 @@ class SpatialChain(SpatialNaming, Mechanics):
         gx, gy, gz = (float(g) for g in model.gravity)
         rest = np.array([rotation(v) for v in space.rest_of(self.n)])
         base = rotation(space.base_tilt)
-        tendons = model.actuation.levers, *model.actuation.tendon_constants, self._beyond()
+        tendons = model.actuation.levers, self._chords(), *model.actuation.tendon_constants, self._beyond()
         behind = *tendons, np.array(model.stretch_share), np.zeros((2 if model.moving_base else 0, 3))
         return SpatialBody(self.length, *self.link_inertias(), rest, base, gx, gy, gz, *behind)
+
+    def _chords(self) -> Array:
+        """Return the coefficients (R, N) [m] of squares of the coordinates in the paths of R tendons between guides."""
+        at = np.cumsum(self.length)[:-1]
+        ends = 0.5 * (at[1:] + at[:-1]) if self.model.base_length else at[1:]
+        bent = np.diff([0.0, *ends, self.length.sum()])  # length that each joint bends
+        rows = [self.each_coordinate(row, row, 0.0 * row) for row in self.model.actuation.chords / bent]
+        return np.pad(np.reshape(rows, (-1, self.turns)), ((0, 0), (0, self.size - self.turns)))
 
     def _beyond(self) -> Array:
         """Return the fraction (N, n + 1) of each coordinate's path length that lies beyond the entry into the body,

@@ -138,6 +138,14 @@ class Actuation:
         return levers
 
     @cached_property
+    def chords(self) -> Float[Array, "R n"]:
+        """Coefficient (R, n) [m^2] by which the path of each of R tendons is shorter for the square of the bend at each
+        of n joints, over the length that the joint bends: the path follows chords between guides.
+        """
+        rows = [c.spacing**2 / 24.0 * np.hypot(c.joint_gain, c.cross_gain) for _, c, _ in self._cords]
+        return np.reshape([np.broadcast_to(row, self.joints) for row in rows], (-1, self.joints))
+
+    @cached_property
     def tendon_constants(self) -> tuple[Float[Array, " R"], ...]:
         """Stiffness [N/m], pretension [N], friction coefficient, slip rate [m/s] and entry friction [N] of the R
         tendons, as five arrays (R,).

@@ -194,6 +194,10 @@ FEATURES: dict[str, Feature] = {
         "friction of tendons", lambda c: getattr(c, "friction", 0.0) or getattr(c, "entry_friction", 0.0),
         "Tendon.friction", "Tendon.entry_friction", "Tendon.slip_rate", name="friction",
     ),
+    "tendon_chords": of_each(
+        "tendons that run straight between guides", lambda c: getattr(c, "spacing", 0.0), "Tendon.spacing",
+        name="distance between guides",
+    ),
     "pair_pretension": of_each(
         "pretension of pairs of tendons", lambda c: len(c.signs) == 2 and c.pretension,
         "Tendon.pretension", name="pretension",
@@ -220,7 +224,7 @@ VALVES = FIRST_ORDER | {"dead_time", "second_order", "opening", "settling", "dea
 HYSTERESIS = frozenset({"creep", "slip", "boucwen"})
 LENGTHENS = frozenset({"lengthening", "curved_segments", "tied_segments", "axial_memory"})
 IN_SPACE = frozenset({"space", "twist", "soft_swing", "space_memory", "space_lengthening"})
-TENDONS = frozenset({"tendons", "tendon_friction", "pair_pretension"})
+TENDONS = frozenset({"tendons", "tendon_friction", "tendon_chords", "pair_pretension"})
 MOVING = frozenset({"base_motion"})
 RESTING = SPRINGS | LAWS | WALLS | VALVES | HYSTERESIS | LENGTHENS | IN_SPACE | TENDONS  # of a body with a base at rest
 ALL = RESTING | MOVING  # what `simulate` computes

@@ -40,6 +40,9 @@ class Tendon(ActuationInput):
         from x towards y these gains are -sin(alpha) and cos(alpha), and 0 beyond the tendon's end; see `at_azimuth`.
     taper : float
         Decrease of the distance from the axis per length along the body.
+    spacing : float
+        Distance between the guides of the path, m: between them it runs along chords, which a bend makes shorter than
+        the arc through the guides. 0: along the arc.
     at : array (n,)
         Position along the body that counts for the taper at each joint, m from the base: the middle of the part of the
         path that the joint bends. A single number applies to all joints. Without a taper it has no effect.
@@ -101,6 +104,9 @@ class Tendon(ActuationInput):
         "N", "pretension of a pair's first tendon less that of its second", most=1e6, scale=1.0)] = 0.0
     taper: Annotated[float, Quantity(
         "1", "decrease of a tendon's distance from the axis per length", most=10.0, scale=5e-3)] = 0.0
+    spacing: Annotated[float, Quantity(
+        "m", "distance between the guides of a tendon, which runs straight between them", sign="not negative", most=1e2,
+        lower=0.0, scale=5e-3)] = 0.0
     at: Annotated[Array, Quantity(
         "m", "position of each joint along the body, for the taper", per="joint", sign="not negative",
         fitted=False)] = field(default_factory=lambda: np.zeros(1))
@@ -217,6 +223,7 @@ class Tendon(ActuationInput):
         angles = ", ".join(dict.fromkeys(f"{azimuth[i % azimuth.size]:.3g}" for i in turned)) or "-"
         text = f"{self.name}: tendon at {1e3 * self.lever:.3g} mm, azimuth {angles} deg, driven by its {self.driven_by}"
         more = [f"converging by {self.taper:.3g} per length"] if self.taper else []
+        more += [f"guides {1e3 * self.spacing:.3g} mm apart"] if self.spacing else []
         more += [f"{1e-3 * self.line_stiffness:.4g} N/mm, pretension {self.pretension:.3g} N"] if self.elastic else []
         more += [f"pulley {1e3 * self.pulley:.3g} mm"] if self.pulley else []
         more += [f"pair, imbalance {self.imbalance:.3g} N" if self.imbalance else "pair"] if self.pair else []

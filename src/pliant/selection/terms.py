@@ -34,6 +34,7 @@ TERMS = {  # the names of all terms, and what they add
     "entry_friction": "friction of tendons where they enter the body",
     "imbalance": "pretensions that differ within a pair of tendons",
     "taper": "tendons that converge",
+    "spacing": "tendons that run straight between guides",
     "axial_creep": "creep of the length",
     "wall_creep": "creep of bend and length",
     "torque_2": "curvature of the torque law",
@@ -253,13 +254,19 @@ def relaxation(model: Model, longer: Sequence[Term], span: float) -> Iterator[Te
 
 
 def paths_of_tendons(model: Model) -> Iterator[Term]:
-    """Yield unequal pretensions within pairs of tendons, and tendons that converge along the body."""
+    """Yield unequal pretensions within pairs of tendons, tendons that converge along the body, and guides at a
+    distance.
+    """
     cords = [(start, c) for start, c in zip(prefixes(model), model.chambers, strict=True) if c.signs]
     now = {f"{start}imbalance": c.value_of("imbalance") for start, c in cords if c.uses("imbalance")}
     if now:
         yield term("imbalance", "", [Parameter(name, value) for name, value in now.items()], now)
     if not any(c.value_of("taper") for _, c in cords):
         yield term("taper", "", [Parameter("taper", 0.0)], {"taper": 0.0})
+    if not any(c.value_of("spacing") for _, c in cords):
+        length = float(model.base_length + model.link_length.sum()) / model.n
+        yield term("spacing", "", [Parameter("spacing", length)], {},
+                   grid=tuple({"spacing": part * length} for part in (0.5, 1.0)))
 
 
 def together(name: str, one: Term, other: Term) -> Term:

@@ -203,9 +203,10 @@ def holding_inputs(model: Model, q: Array) -> Array:
         return np.zeros(input_length(chain))
     x = chain.coordinates(q)
     slack = chain.static_forces(x, np.append(np.zeros(model.size), np.full(stiffness.size, -LET_OUT)))
-    still = pretension - stiffness * (actuation.levers @ q)  # signed forces without inputs
+    levers = actuation.levers + 2.0 * chain.body.chord * x
+    still = pretension - stiffness * ((levers - chain.body.chord * x) @ x)  # signed forces without inputs
     cords = [np.flatnonzero(row[model.size :]) for row in actuation.columns]
-    effect = np.array([actuation.levers[rows[0]] if rows.size else row[: model.size]
+    effect = np.array([levers[rows[0]] if rows.size else row[: model.size]
                        for rows, row in zip(cords, actuation.columns, strict=True)]).T  # fmt: skip
     lowest = np.array([max(still[rows[0]], 0.0) if rows.size == 1 else -np.inf for rows in cords])
     rest = np.where(np.isfinite(lowest), lowest, 0.0)

@@ -19,7 +19,12 @@ NEWTON_MOVES = 50  # moves of Newton's method in a step, at most
 
 def signed_forces(c, x, torque):
     """Return the signed forces (R,) [N] of the tendons at coordinates x (N,), under inputs `torque` (N + R,)."""
-    return c["pretension"] + torque[SIZE:] - c["tendon_stiffness"] * (c["lever"] @ x)
+    return c["pretension"] + torque[SIZE:] - c["tendon_stiffness"] * (c["lever"] @ x + c["chord"] @ (x * x))
+
+
+def arms(c, x):
+    """Return the lever arms (R, N) [m] of the tendons at coordinates x (N,); those between guides run along chords."""
+    return c["lever"] + 2.0 * c["chord"] * x
 
 
 def mean_tension(s0, s1):
@@ -39,7 +44,7 @@ def felt(c, tension, x, v):
     """
     a, b = x[0 : 2 * LINKS : 2], x[1 : 2 * LINKS : 2]
     theta = jnp.sqrt(a * a + b * b + TINY)
-    speed = (c["lever"] * v) @ c["beyond"]  # (R, n + 1) shortening of the path beyond the entry and each joint
+    speed = (arms(c, x) * v) @ c["beyond"]  # (R, n + 1) shortening of the path beyond the entry and each joint
     run = speed / jnp.sqrt(speed * speed + (c["slip_rate"] ** 2)[:, None])
     over = tension > c["entry_friction"]
     grip = jnp.where(over, c["entry_friction"] / jnp.where(over, tension, 1.0), 1.0 * (c["entry_friction"] > 0.0))
@@ -53,13 +58,13 @@ def felt(c, tension, x, v):
 def pulls(c, tension, x, v):
     """Return the generalised forces (N,) of tensions (R,) at coordinates x, with friction at rates v (N,)."""
     part = felt(c, tension, x, v) if RUBS else 1.0
-    return jnp.sum(c["lever"] * part * tension[:, None], axis=0)
+    return jnp.sum(arms(c, x) * part * tension[:, None], axis=0)
 
 
 def rest_pull(c, x, torque):
     """Return the generalised forces (N,) of the tendons at rest at x (N,), where nothing has moved that could rub."""
     s = signed_forces(c, x, torque)
-    return jnp.where(s >= 0.0, s, 0.0) @ c["lever"]
+    return jnp.where(s >= 0.0, s, 0.0) @ arms(c, x)
 
 
 def changed(c, begun, K, net):
@@ -81,7 +86,7 @@ def changed(c, begun, K, net):
 
 def step_pull(c, start, middle, rate, h):
     """Return the mean generalised forces (N,) of the tendons over a step with the rates `rate` (N,) in its middle."""
-    end = start - h * c["tendon_stiffness"] * (c["lever"] @ rate)
+    end = start - h * c["tendon_stiffness"] * (arms(c, middle) @ rate)
     return pulls(c, mean_tension(start, end), middle, rate)
 
 
