@@ -53,6 +53,12 @@ def test_fields_that_a_file_lacks_have_their_defaults_and_others_are_named():
         record_of(Whole, {k: v for k, v in content.items() if k != "nodes"})
 
 
+@pytest.mark.parametrize("damage", [{"parts": [5]}, {"parts": "ab"}, {"parts": {"a": 1}}, {"best": "x"}, {"nodes": 5}])
+def test_values_where_a_record_or_a_sequence_is_declared_are_refused(damage):
+    with pytest.raises(TypeError):
+        record_of(Whole, {**plain(WHOLE), **damage})
+
+
 def test_named_records_are_a_table():
     table = by_name(WHOLE.parts[1:])
     assert table == {"b": {"size": None, "rows": None}}

@@ -39,7 +39,14 @@ def by_name(records: Iterable[Any]) -> dict[str, Any]:
 def record_of(kind: type[R], content: Mapping[str, Any]) -> R:
     """Return the record that `plain` turned into `content`, or that has these values of fields. A field that the
     content lacks has its default value; entries that are no fields are ignored.
+
+    Raises
+    ------
+    TypeError
+        For a value where a record or a sequence is declared, and for a field without value and default.
     """
+    if not isinstance(content, Mapping):
+        raise TypeError(f"{kind.__name__} needs a table of its fields, got {type(content).__name__}")
     hints = get_type_hints(kind)
     return kind(**{name: value_of(hints[name], content[name]) for name in field_names(kind) if name in content})
 
@@ -53,9 +60,11 @@ def value_of(kind: Any, value: Any) -> Any:
     """Return a plain value as the type of a field: a record, an array, a tuple, one of these or None, or as it is."""
     inner = [k for k in get_args(kind) if k not in (NoneType, ...)]
     if get_origin(kind) is tuple:
+        if isinstance(value, str | Mapping):
+            raise TypeError(f"a sequence is needed, got {type(value).__name__}")
         return tuple(value_of(inner[0], entry) for entry in value)
     if kind is np.ndarray:
         return np.asarray(value)
     if NoneType in get_args(kind):
         return None if value is None else value_of(inner[0], value)
-    return record_of(kind, value) if field_names(kind) and isinstance(value, Mapping) else value
+    return value if not field_names(kind) or isinstance(value, kind) else record_of(kind, value)

@@ -105,6 +105,18 @@ def test_bands_hold_recordings_that_rest_beside_the_model(clean: tuple[Model, Ex
     assert np.mean(before) < np.mean(held) - 0.03
 
 
+def test_noise_of_frames_is_no_scatter_of_rests(clean: tuple[Model, Experiment]) -> None:
+    exp = clean[1].thinned(10)
+    rng, spreads = np.random.default_rng(6), []
+    for _ in range(200):
+        noisy = [shaken(exp, rng.standard_normal(exp.position.shape), f"t{k}") for k in range(4)]
+        spreads.append(TrainingResiduals(noisy, [exp.position] * 4, "metre").rest_spread(exp.stations) ** 2)
+    scattered = [replace(e, position=e.position + 1e-4 * k) for k, e in enumerate(noisy)]
+    there = TrainingResiduals(scattered, [exp.position] * 4, "metre").rest_spread(exp.stations) ** 2
+    assert np.mean(spreads) < 0.15 * 1e-8  # of the variance of the noise
+    assert there.mean() > 0.5 * 1e-8
+
+
 def test_one_recording_shows_no_scatter_of_rests(clean: tuple[Model, Experiment]) -> None:
     _, exp = clean
     left = TrainingResiduals([exp], [exp.position + 1e-3], "metre")

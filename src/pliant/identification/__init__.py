@@ -7,12 +7,18 @@ from pliant.identification.from_recording import experiment
 from pliant.identification.identifiability import Identifiability, identifiability
 from pliant.identification.parameters import Parameter
 from pliant.identification.prediction import predict
-from pliant.identification.prediction_bands import Band, prediction_band, residual_noise, residual_reach
+from pliant.identification.prediction_bands import (
+    Band,
+    TrainingResiduals,
+    prediction_band,
+    residual_noise,
+    residual_reach,
+)
 from pliant.identification.resampling import bootstrap, bootstrapped
 from pliant.identification.sensitivity import sensitivities
 
 __all__ = [
-    "Band", "Design", "Experiment", "FitResult", "Identifiability", "Parameter", "bootstrap", "bootstrapped", "design",
-    "experiment", "fit", "identifiability", "predict", "predict_held_out", "prediction_band", "residual_noise",
-    "residual_reach", "sensitivities",
+    "Band", "Design", "Experiment", "FitResult", "Identifiability", "Parameter", "TrainingResiduals", "bootstrap",
+    "bootstrapped", "design", "experiment", "fit", "identifiability", "predict", "predict_held_out", "prediction_band",
+    "residual_noise", "residual_reach", "sensitivities",
 ]

@@ -26,6 +26,7 @@ Array = np.ndarray
 LEAST_SQUARE = 0.1  # of the mean squared residual: least expected square at any time
 REACH = (1.5, 3.0)  # standard deviations, least and most, for 95 % of the residuals
 TRIAL_GAIN = 0.02  # standard deviation of a gain from trial to trial, which one recording does not show
+OF_MEDIAN = 0.5 * np.pi  # variance of the median of normal values over that of their mean
 AT_REST = 3  # independent values in the errors at rest of one recording, by all stations
 LEAST_VARIANCE = 1e-6  # of the largest variance of scaled parameters: smaller ones are neglected
 
@@ -77,6 +78,8 @@ def prediction_band(
     reach: float | None = None,
 ) -> Band:
     """Predict the motion of an experiment, with a prediction interval from the covariance of the fit.
+
+    `TrainingResiduals.band` has the interval of a new recording, with the errors of the training recordings at rest.
 
     The interval follows by the delta method. The experiment's own parameters (edge times) are fitted to it, which
     compensates for part of the errors of the shared parameters.
@@ -220,22 +223,29 @@ class TrainingResiduals:
 
         Every recording begins beside the model by an error of its own, such as that of its fibre or of its tracker. A
         fit to K recordings takes the mean of these errors into its parameters. A new recording scatters about it with
-        1 + 1 / K times their variance, of which the residuals of the training recordings contain 1 - 1 / K. Since few
-        recordings show this variance badly, the result is larger by the quotient of the quantiles of Student's t and
-        of the normal distribution at `level`. It is 0 for a single recording, which shows no scatter.
+        1 + 1 / K times their variance, of which the residuals of the training recordings contain 1 - 1 / K. The
+        variance is that of the medians of the first frames, without their noise. Since few recordings show it badly,
+        the result is larger by the quotient of the quantiles of Student's t and of the normal distribution at `level`.
+        It is 0 for a single recording, which shows no scatter. Settled poses, releases and recordings with a warm-up
+        do not begin at rest and are left out.
         """
         from scipy.stats import t
 
         rests: dict[str, list[Array]] = {}
+        noise: dict[str, list[Array]] = {}
         for exp, rows in zip(self.train, self.motions, strict=True):
+            if exp.poses or exp.excitation == "release" or exp.warm_up:
+                continue
             for name, left in zip(exp.stations, np.moveaxis(rows - exp.compared, 1, 0), strict=True):
                 first = left[np.isfinite(left).all(axis=1)][:FIRST_FRAMES]
-                if len(first):
+                if len(first) > 1:
                     rests.setdefault(name, []).append(np.median(first, axis=0))
+                    noise.setdefault(name, []).append(OF_MEDIAN * np.var(first, axis=0, ddof=1) / len(first))
         quantile = 0.5 + 0.5 * level
         variances = {
             name: (t.ppf(quantile, AT_REST * (len(r) - 1)) / NormalDist().inv_cdf(quantile)) ** 2
-            * 2.0 / len(r) * np.var(r, axis=0, ddof=1) for name, r in rests.items() if len(r) > 1
+            * 2.0 / len(r) * np.maximum(np.var(r, axis=0, ddof=1) - np.mean(noise[name], axis=0), 0.0)
+            for name, r in rests.items() if len(r) > 1
         }  # fmt: skip
         if not variances:
             return np.zeros((len(stations), len(self.train[0].axes)))

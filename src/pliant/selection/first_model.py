@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pliant.errors import SimulationError
+from pliant.errors import PliantError, SimulationError
 from pliant.identification.chamber_parameters import ALIKE_GAINS, OF_ONE_SIGN, has_effect, prefixes
 from pliant.identification.drives import pressures_at
 from pliant.identification.experiment import Experiment
@@ -28,6 +28,7 @@ Entry = Parameter | str
 OVER_DAMPED = 2.0  # angular frequency of the first mode times the time constant, at least: the body is over-damped
 QUASI_STATIC = 10.0  # the same, from which on no recording shows the inertia
 FAR = 0.1  # that stiffness over the one that a fit found, at most: the fit ran along its valley
+STIFFER, NEARLY = 10.0, 1.2  # factor on a stiffness that follows worse; cost over that of the fit, at most
 MOST_DOUBLINGS = 60
 HARDLY = 0.2  # of the range of the input that moves most: an input that moves less hardly moves
 BESIDE = 0.1  # of the length: farther from the axis than a marker on a body lies
@@ -88,31 +89,46 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
     errors, value = parent.standard_errors, parent.values.get("stiffness", 0.0)
     fixed = {name: "held: no effect on these recordings" for name, error in errors.items() if error is None}
     error = errors.get("stiffness", 0.0)
-    if error is None:  # so far along the valley that rounding hides the others too
+    hidden = error is None  # so far along the valley that rounding hides the others too
+    if hidden:
         fixed = {"stiffness": "held: the recordings show its ratio to torque and damping alone"}
-    elif error > DETERMINED * value:
+    elif error is not None and error > DETERMINED * value:
         fixed["stiffness"] = f"held: the recordings show only {value:.3g} +- {error:.2g}"
     if not fixed or not {p.name for p in parent.problem.free} - set(fixed):
         return parent  # a fit needs a free parameter
-    parameters = softened(parent) if "stiffness" in fixed else parent.parameters
-    parameters = [replace(p, free=False, source=fixed[p.name]) if p.name in fixed else p for p in parameters]
-    return fitted(setting, parent.model, parameters, prior_weight=parent.problem.size)
+
+    def held(parameters: Sequence[Parameter]) -> FittedModel:
+        listed = [replace(p, free=False, source=fixed[p.name]) if p.name in fixed else p for p in parameters]
+        return fitted(setting, parent.model, listed, prior_weight=parent.problem.size)
+
+    fit = (softer(parent, held) if "stiffness" in fixed else None) or held(parent.parameters)
+    return determined(fit, setting) if hidden else fit
 
 
-def softened(parent: FittedModel) -> list[Parameter]:
-    """Return the parameters of a fit that does not determine the stiffness, with stiffness, damping and torques in the
-    same ratios on the least scale at which inertia no longer shows, if theirs is far above it. A fit leaves this scale
-    wherever it ended in a flat valley, up to stiffnesses that no body has.
+def softer(parent: FittedModel, held: Callable[[Sequence[Parameter]], FittedModel]) -> FittedModel | None:
+    """Return the fit with a `held` stiffness that is far below the one in which a fit ended in a flat valley, up to
+    stiffnesses that no body has: the least one with which inertia hardly shows and the recordings are followed nearly
+    as well; None if there is none. Damping and torques begin in the same ratios to it.
     """
     stiffness, damping = (parent.values.get(name, 0.0) for name in ("stiffness", "damping"))
     if stiffness <= 0 or damping <= 0:
-        return list(parent.parameters)
+        return None
     factor = least_stiffness(parent.model, damping / stiffness, QUASI_STATIC) / stiffness
-    if factor > FAR:
-        return list(parent.parameters)
-    scaled = {"stiffness", "damping", *(name for kind in ALIKE_GAINS if kind != OF_ONE_SIGN for name in kind)}
-    return [replace(p, value=p.value * factor) if p.value and path_of(p.name).own in scaled else p
-            for p in parent.parameters]  # fmt: skip
+    while factor < FAR:
+        with suppress(PliantError):
+            fit = held([replace(p, value=p.value * factor) if p.value and on_scale(p) else p
+                        for p in parent.parameters])  # fmt: skip
+            if fit.cost <= NEARLY * parent.cost:
+                return fit
+        factor *= STIFFER
+    return None
+
+
+def on_scale(parameter: Parameter) -> bool:
+    """Return whether a parameter of the first model goes with the common scale of stiffness, damping and torque."""
+    path = path_of(parameter.name)
+    gains = [name for kind in ALIKE_GAINS if kind != OF_ONE_SIGN for name in kind]
+    return path.own in ("stiffness", "damping", *gains) or (path.quantity.per == "power" and parameter.free)
 
 
 def first_mode(model: Model) -> tuple[float, Array]:

@@ -270,9 +270,13 @@ def rivals_among(
     others: Sequence[tuple[float, str, FittedModel]], score: float, chosen: FittedModel, loss: str,
 ) -> tuple[RivalModel, ...]:
     """Return the best of other models, each with its criterion and its difference in words, if their criterion is
-    within `ALMOST` of the `score` of the chosen model and their free parameters differ.
+    within `ALMOST` of the `score` of the chosen model and their parameters differ.
     """
-    near = [c for c in others if c[0] < (1 + ALMOST) * score and set(c[2].free) != set(chosen.free)]
+
+    def names(fit: FittedModel) -> tuple[set[str], set[str]]:
+        return set(fit.free), {p.name for p in fit.parameters}
+
+    near = [c for c in others if c[0] < (1 + ALMOST) * score and names(c[2]) != names(chosen)]
     best: dict[str, FittedModel] = {}
     for _, title, other in sorted(near, key=lambda c: c[0]):
         best.setdefault(title, other)

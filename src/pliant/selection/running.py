@@ -174,7 +174,8 @@ class RunningSearch:
         return [
             t.about(held) for t in (*self.terms, *scale_of(parent.parameters, self.stated))
             if t.name not in names | self.dropped and t.group not in groups and (not t.needs or t.needs in names)
-            and set(t.replaces) <= free | set(held) and not any(p.name in parameters for p in t.adds if p.free)
+            and set(t.replaces) <= free | set(held) and not any(
+                p.name in parameters if p.free else p.name in self.stated for p in t.adds)
         ]  # fmt: skip
 
     def ranked(self, parent: FittedModel, chosen: Sequence[Term]) -> tuple[list[TermProposal], list[TriedTerm]]:

@@ -157,11 +157,14 @@ def new_recordings(
 
 
 def study_of_day(study: Study, new: Mapping[str, Recording]) -> Study:
-    """Return the study that reads the new recordings, and the one that fixes the axes or the links of all."""
-    first = reduced_recording(study) if study.reduction else next(iter(study.recordings))
+    """Return the study that reads the new recordings, and those that fix the axes and the links of all."""
+    fixing, reduction = [next(iter(study.recordings))], study.reduction
+    if reduction is not None:
+        reduction = reduction.model_copy(update={"recording": reduced_recording(study)})
+        fixing.append(reduced_recording(study))
     return study.model_copy(update={
-        "recordings": {first: study.recordings[first], **new}, "fits": {}, "model_selection": None, "forecasts": {},
-        "wiring": None, "adapt": [],
+        "recordings": {**{name: study.recordings[name] for name in fixing}, **new}, "reduction": reduction, "fits": {},
+        "model_selection": None, "forecasts": {}, "wiring": None, "adapt": [],
     })  # fmt: skip
 
 

@@ -27,7 +27,7 @@ from pliant.selection.saved import SearchFile
 from pliant.study.aligned import Aligned
 from pliant.study.another_day import run_days, signs_of
 from pliant.study.baselines import with_baselines
-from pliant.study.body import reduced_recording, study_model, training, with_azimuths
+from pliant.study.body import reduced_recording, study_model, with_azimuths
 from pliant.study.body_tables import ActuatorEntry
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import model_warnings, recording_warnings, term_warnings, unit_warning_first
@@ -137,11 +137,12 @@ def fit_warnings(study: Study, fits: Sequence[FitOutcome], ready: PreparedStudy)
 
 
 def reduction_warnings(study: Study) -> tuple[str, ...]:
-    """Return a warning if the links come from a recording that is held out."""
-    trained = training(study)
-    if study.reduction is None or not trained or (name := reduced_recording(study)) in trained:
+    """Return a warning if the links come from a recording that a fit holds out."""
+    held_out = {name for entry in study.fits.values() for name in entry.held_out}
+    held_out |= set(study.model_selection.held_out if study.model_selection else ())
+    if study.reduction is None or reduced_recording(study) not in held_out:
         return ()
-    line = (f"the links, and with them the shape at rest, come from {name}, which no fit uses for training: its "
+    line = (f"the links, and with them the shape at rest, come from {reduced_recording(study)}, which is held out: its "
             "prediction is not blind. Name a training recording in [reduction].")  # fmt: skip
     return (line,)
 
