@@ -43,21 +43,23 @@ class Arm:
     stiffening: float
     gains: np.ndarray  # (6,) of the joints
     azimuth: float
+    torque: float  # of a unit gain, N m/Pa
     space: bool
 
     @classmethod
     def drawn(cls, seed: int, space: bool) -> Arm:
         rng = np.random.default_rng([seed, int(space), 77])
         k = rng.uniform(0.4, 0.9)
-        return cls(rng.uniform(0.15, 0.25), rng.uniform(0.05, 0.12), k * rng.uniform(0.8, 1.2, 3),
-                   k * rng.uniform(0.04, 0.1), rng.uniform(0.5, 0.9), rng.uniform(0.0, 0.3), rng.uniform(0.9, 1.1, 6),
-                   rng.uniform(0.0, 2 * np.pi), space)  # fmt: skip
+        length, mass, stiffness = rng.uniform(0.15, 0.25), rng.uniform(0.05, 0.12), k * rng.uniform(0.8, 1.2, 3)
+        damping, bend = k * rng.uniform(0.04, 0.1), rng.uniform(0.5, 0.9)
+        return cls(length, mass, stiffness, damping, bend, rng.uniform(0.0, 0.3), rng.uniform(0.9, 1.1, 6),
+                   rng.uniform(0.0, 2 * np.pi), bend / 3 * float(stiffness.mean()) / TOP, space)  # fmt: skip
 
     def model(self, links: int, gain: float = 1.0) -> Model:
         """The arm with six links, or a start of the model with three."""
         per, true = links // 3, links == 6
         stations = tuple(Station(n, (k + 1) * per - 1, self.length / links) for k, n in enumerate(NAMES))
-        torque = [gain * self.bend / 3 * float(self.stiffness.mean()) / TOP]
+        torque = [gain * self.torque]
         gains = self.gains if true else np.ones(3)
         form = {"stiffening": self.stiffening} if true else {}
         common = {"length": self.length, "mass": self.mass, "links": links, "damping": self.damping * per,

@@ -14,6 +14,7 @@ from pliant.adaptation.mounting import COMMON, COMMON_GAIN, mounting_parameters,
 from pliant.adaptation.posterior import FROM_DAY_TO_DAY, Posterior, by_joint
 from pliant.adaptation.result import FAR, Adaptation, DayError, Move, Verdict
 from pliant.errors import InputError
+from pliant.failures import FAILED
 from pliant.identification.drives import at_rest
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FitResult, fit, predict_held_out
@@ -193,27 +194,43 @@ def adapt_model(
     settings = partial(settings_of, old, how, usual)
     result, released = fitted_in_rounds(old, posterior, day, settings(day), usual, notify)
     change = BodyChange()
-    if not how["kind"]:
-        separate = by_joint(posterior, FROM_DAY_TO_DAY, MOST_JOINTS)
+    if how["kind"]:
+        return judged(old, posterior, day, result, change, kind=True)
+    try:
+        change, posterior, result = with_change(old, posterior, day, (result, released), how, settings)
+    except FAILED as error:  # the fit with a free body; the adapted one stands
+        notify(f"warning: whether the body changed is unknown: {error}")
+    return judged(old, posterior, day, result, change, kind=False)
 
-        def fit_freed(part: DayParts) -> FitResult:
-            return fitted_day(separate, part, separate.prior.widened(freed(separate)), settings(part))
 
-        duration = sum(float(np.ptp(e.time)) for e in day.fitted)
-        change = body_change(separate, fit_freed(day), how["earlier"],
-                             lambda exp: fit_freed(parts_of_day([exp], duration)))  # fmt: skip
-        notify(f"adapt: {change.sentence}")
-        where = posterior if set(change.names) <= {*posterior.body.names, "stiffness"} else separate
-        names = {*released, *released_names(where, change.names)}
-        if names != set(released):
-            wide = where.prior.widened({n: v for n, v in (released | freed(where)).items() if n in names})
-            other = fitted_day(where, day, wide, settings(day))
-            if error_of_rest(other, day) > WORSE_REST * error_of_rest(result, day):
-                notify("adapt: with this change the rest of the day is predicted worse: it is none")
-                change = BodyChange(compared=change.compared)
-            else:
-                posterior, result = where, other
-    return judged(old, posterior, day, result, change, kind=how["kind"])
+def with_change(
+    old: FitResult, posterior: Posterior, day: DayParts, adapted: tuple[FitResult, dict[str, float]],
+    how: AdaptModelOptions, settings: Callable[[DayParts], dict[str, Any]],
+) -> tuple[BodyChange, Posterior, FitResult]:
+    """Return how the body changed, and what is known about it and the fit with this change, from the `adapted` fit and
+    the variances that it released.
+    """
+    (result, released), notify = adapted, how["progress"] or (lambda _line: None)
+    separate = by_joint(posterior, FROM_DAY_TO_DAY, MOST_JOINTS)
+
+    def fit_freed(part: DayParts) -> FitResult:
+        check_day(old, part)
+        return fitted_day(separate, part, separate.prior.widened(freed(separate)), settings(part))
+
+    duration = sum(float(np.ptp(e.time)) for e in day.fitted)
+    change = body_change(separate, fit_freed(day), how["earlier"],
+                         lambda exp: fit_freed(parts_of_day([exp], duration)))  # fmt: skip
+    notify(f"adapt: {change.sentence}")
+    where = posterior if set(change.names) <= {*posterior.body.names, "stiffness"} else separate
+    names = {*released, *released_names(where, change.names)}
+    if names == set(released):
+        return change, posterior, result
+    wide = where.prior.widened({n: v for n, v in (released | freed(where)).items() if n in names})
+    other = fitted_day(where, day, wide, settings(day))
+    if error_of_rest(other, day) > WORSE_REST * error_of_rest(result, day):
+        notify("adapt: with this change the rest of the day is predicted worse: it is none")
+        return BodyChange(compared=change.compared), posterior, result
+    return change, where, other
 
 
 def settings_of(old: FitResult, how: AdaptModelOptions, usual: float, day: DayParts) -> dict[str, Any]:

@@ -51,8 +51,8 @@ class BodyChange(NamedTuple):
     @property
     def caution(self) -> str:
         """Return a sentence that says so if a change could not be compared with earlier recordings; '' otherwise."""
-        return "" if self.compared else (" The earlier recordings cannot be read to compare with them: errors of the "
-                                         "model's form may look like a change.")  # fmt: skip
+        return "" if self.compared else (" It could not be compared with earlier recordings: errors of the model's "
+                                         "form may look like a change.")  # fmt: skip
 
 
 def sizes_of(posterior: Posterior) -> dict[str, float]:
@@ -96,16 +96,14 @@ def body_change(
             continue
     if not moves:
         far = np.abs(move) > FAR * np.sqrt(np.diag(doubt))
-        return BodyChange(tuple(n for n, f in zip(names, far, strict=True) if f), majority(far), 0)
-    shift, scatter = shift_and_scatter(np.array(moves))
-    total = doubt + scatter
-    far = np.abs(move - shift) > FAR * np.sqrt(np.diag(total))
-    return BodyChange(stepwise(move - shift, total, directions, FAR), majority(far), len(moves))
-
-
-def majority(far: Array) -> bool:
-    """Return whether more than two, and more than half, are True."""
-    return bool(far.sum() > max(2, 0.5 * far.size))
+        changed = tuple(n for n, f in zip(names, far, strict=True) if f)
+    else:
+        shift, scatter = shift_and_scatter(np.array(moves))
+        changed = stepwise(move - shift, doubt + scatter, directions, FAR)
+    joints = set(joints_of(posterior.model)) & set(names)
+    laws = len(names) - max(len(joints) - 1, 0)  # the joints count as one
+    apart = {"stiffness" if n in joints else n for n in changed}
+    return BodyChange(changed, len(apart) > max(2, 0.5 * laws), len(moves))
 
 
 def spaced(recordings: Sequence[Experiment], most: int) -> list[Experiment]:

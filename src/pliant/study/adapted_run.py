@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.files import output_folder
 from pliant.identification import Experiment
 from pliant.options import with_defaults
-from pliant.study.another_day import Robot, adapted_fits, learning_of, signs_of
+from pliant.study.another_day import Robot, adapted_fits, earlier_names, learning_of, signs_of
 from pliant.study.body import reduced_recording
 from pliant.study.run import PreparedStudy, prepare_all, write_outcome
 from pliant.study.schema import SPREAD, AdaptEntry, Recording, Study, day_names, load_study
@@ -102,7 +102,7 @@ def adapt(
         raise InputError(f"{lost[0]}; use a recording in which the arm moves")
     name = "adapted"
     learning = learning_of(study, loaded[0][0])
-    earlier = partial(earlier_recordings, study, learning.train, notify)
+    earlier = partial(earlier_recordings, study, earlier_names(study, loaded[0][0]), notify)
     fits, adaptation = adapted_fits(name, entry, robots, ready.experiments, notify, learning, earlier)
     with output_folder(folder) as target:
         whole = study.model_copy(update={"recordings": {**study.recordings, **new}, "adapt": [*study.adapt, entry]})

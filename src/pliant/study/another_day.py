@@ -104,7 +104,7 @@ def run_days(
             robot = Robot(start.result, posterior_of(start.result, set(study.recordings)), start.title,
                           errors_of_held_out(start))  # fmt: skip
             learning = learning_of(study, start.name)
-            earlier = [experiments[r] for r in learning.train if r in experiments]
+            earlier = [experiments[r] for r in earlier_names(study, start.name) if r in experiments]
             outcomes, adaptations[name] = adapted_fits(name, entry, [robot], experiments, notify, learning,
                                                        partial(list, earlier))  # fmt: skip
         except FAILED as error:
@@ -114,6 +114,14 @@ def run_days(
         done += outcomes
         latest = name
     return done, adaptations, failed
+
+
+def earlier_names(study: Study, fit: str) -> list[str]:
+    """Return the names of the recordings to which a fit of a study was fitted last: those of its day, if it was adapted
+    to one.
+    """
+    days = dict(zip(day_names(study), study.adapt, strict=True))
+    return list(days[fit].recordings if fit in days else learning_of(study, fit).train)
 
 
 def errors_of_held_out(fit: FitOutcome) -> tuple[float, ...]:
