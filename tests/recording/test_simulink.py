@@ -46,3 +46,38 @@ def test_columns_of_several_stations_ask_for_their_names(tmp_path):
     savemat(tmp_path / "sim.mat", {"tout": T, "pos": logged(PLACES.reshape(50, 6))})
     with pytest.raises(InputError, match=r"position has 6 columns: .* name the stations in the mapping"):
         read(tmp_path / "sim.mat", mapping={"position": "pos"})
+
+
+STATIONS = {"t": T, "position": PLACES}
+
+
+@pytest.mark.parametrize(("content", "mapping"), [
+    ({"tout": T, "base": logged(PLACES[:, 0]), "tip": logged(PLACES[:, 1]), "p_kpa": logged(KPA)},
+     {"time": "tout", "position": {"base": "base.signals.values", "tip": "tip.signals.values"}}),
+    ({**STATIONS, "p": logged(KPA)}, {"pressure_time": "p.time"}),
+    ({**STATIONS, "p": logged(KPA)}, {"time": "p.time"}),
+    ({**STATIONS, "p_kpa": logged(KPA, T + 0.005)}, None),
+    ({"out": {"tout": T, "pos": logged(PLACES.reshape(50, 6))}},
+     {"struct": "out", "position": "pos.signals.values", "time": "pos.time", "station": ["base", "tip"]}),
+])  # fmt: skip
+def test_names_and_times_beside_variables_of_simulink(tmp_path, content, mapping):
+    """Arrays named in full, and arrays on a clock of their own."""
+    savemat(tmp_path / "sim.mat", content)
+    ds = read(tmp_path / "sim.mat", mapping=mapping)
+    np.testing.assert_allclose(ds["position"].values, PLACES)
+    np.testing.assert_allclose(ds["time"].values, T)
+    assert "pressure" not in ds
+
+
+@pytest.mark.parametrize("beside", [{}, {"meta": np.arange(3.0)}])
+def test_a_variable_may_be_named_with_its_struct(tmp_path, beside):
+    content = {"out": {"tout": T, "pos": logged(PLACES.reshape(50, 6))}, **beside}
+    savemat(tmp_path / "sim.mat", content)
+    ds = read(tmp_path / "sim.mat", mapping={"position": "out.pos", "station": ["base", "tip"]})
+    np.testing.assert_allclose(ds["position"].values, PLACES)
+    np.testing.assert_allclose(ds["time"].values, T)
+
+
+def test_a_pressure_on_the_clock_of_the_positions_is_read(tmp_path):
+    savemat(tmp_path / "sim.mat", {**STATIONS, "p_kpa": logged(KPA)})
+    np.testing.assert_allclose(read(tmp_path / "sim.mat")["pressure"].values, 1e3 * KPA[:, 0])

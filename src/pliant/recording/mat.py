@@ -42,8 +42,7 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
                          "several structs, save the file as version 7, which pliant reads: save('file.mat', '-v7'). "
                          "Of a timeseries, table or Dataset save its arrays, such as t = ts.Time; p = ts.Data")
     options = {role: in_round_brackets(entry) for role, entry in (mapping or {}).items()}
-    if not any(str(entry).endswith(VALUES) for entry in options.values()):
-        arrays = of_simulink(arrays, bare="struct" not in options)
+    arrays = of_simulink(arrays, options)
     chosen = options.pop("struct", None)
     if chosen is not None:
         arrays = fields_of(str(chosen), arrays, structs, path.name)
@@ -57,27 +56,49 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
         raise InputError(f"{error}{listed_structs(structs) if chosen is None else ''}") from None
 
 
-def of_simulink(arrays: Mapping[str, NDArray], *, bare: bool) -> dict[str, NDArray]:
+def of_simulink(arrays: Mapping[str, NDArray], options: Mapping[str, Any]) -> dict[str, NDArray]:
     """Return the arrays with those of the block To Workspace of Simulink under the names of their variables: of each
-    ``name.signals.values`` the frames come first, and the times that all share are ``time``. With `bare`, names lose
-    that of a struct that holds all arrays, such as ``out``.
+    ``name.signals.values`` the frames come first, and the times that all share are ``time``, if the file has none under
+    a usual name. A variable with other times than those keeps its arrays, unless the mapping names it, as do all if the
+    mapping names ``signals.values``. Names lose that of a struct that holds all arrays, such as ``out``.
     """
+    entries = named_in({role: entry for role, entry in options.items() if role not in ("struct", "station")})
+    struct = f"{options['struct']}." if "struct" in options else ""
     logged = {name.removesuffix(VALUES): values for name, values in arrays.items() if name.endswith(VALUES)}
-    if not logged:
+    if not logged or any(entry.endswith(VALUES) for entry in entries):
         return dict(arrays)
-    times = {name: arrays[f"{name}.time"] for name in logged if f"{name}.time" in arrays}
     rest = {n: a for n, a in arrays.items() if not n.startswith(tuple(f"{name}." for name in logged))}
+    own = {name: np.ravel(arrays[f"{name}.time"]) for name in logged if f"{name}.time" in arrays}
+    stated = [a for n, a in arrays.items() if n == f"{struct}{options.get('time')}"]
+    clocks = stated or [a for n, a in {**rest, **logged}.items() if n.rpartition(".")[2] in USUAL_NAMES["time"]]
+    shared = [time for time in own.values() if all(np.array_equal(time, other) for other in own.values())]
     for name, values in logged.items():
-        count, shape = np.size(times.get(name, ())), np.shape(values)
-        frames_last = len(shape) > 1 and shape[-1] == count != shape[0]
-        rest[name] = np.squeeze(np.moveaxis(values, -1, 0) if frames_last else values)
-    first, *more = [*times.values()] or [np.zeros(0)]
-    if first.size and all(np.array_equal(first, other) for other in more):
-        rest |= {f"{name.rpartition('.')[0]}.time".lstrip("."): np.ravel(first) for name in times}
-    else:
-        rest |= {f"{name}.time": time for name, time in times.items()}
+        apart = clocks and not any(np.array_equal(own.get(name, np.ravel(c)), np.ravel(c)) for c in clocks)
+        begins = tuple(f"{n}." for n in (name, name.removeprefix(struct), name.partition(".")[2] or name))
+        if apart and not any(f"{entry}.".startswith(begins) for entry in entries):
+            rest |= {n: a for n, a in arrays.items() if n.startswith(f"{name}.")}
+        else:
+            rest[name] = frames_first(values, np.size(own.get(name, ())))
     outer = {name.partition(".")[0] if "." in name else "" for name in rest}
-    return {n.removeprefix(f"{min(outer)}.") if bare and len(outer) == 1 else n: a for n, a in rest.items()}
+    if not struct and len(outer) == 1 and not any(entry.startswith(f"{min(outer)}.") for entry in entries):
+        rest = {n.removeprefix(f"{min(outer)}."): a for n, a in rest.items()}
+    if not shared:
+        rest |= {f"{name}.time": time for name, time in own.items()}
+    elif not clocks:
+        rest[f"{struct}time"] = shared[0]
+    return rest | {n: a for n, a in arrays.items() if n.removeprefix(struct) in entries}
+
+
+def named_in(entry: Any) -> set[str]:
+    """Return all texts in an entry of a mapping."""
+    inner = entry.values() if isinstance(entry, Mapping) else entry if isinstance(entry, list) else ()
+    return {entry} if isinstance(entry, str) else set().union(*(named_in(one) for one in inner))
+
+
+def frames_first(values: NDArray, count: int) -> NDArray:
+    """Return what Simulink stored of `count` frames, which are the last dimension of a vector's, as (T, ...)."""
+    last = np.ndim(values) > 1 and np.shape(values)[-1] == count != np.shape(values)[0]
+    return np.squeeze(np.moveaxis(values, -1, 0) if last else values)
 
 
 def stored_arrays(path: Path) -> tuple[dict[str, NDArray], list[str], dict[str, tuple[int, list[str]]]]:

@@ -431,7 +431,7 @@ def asked(
         counted = [c for entry in mapping["inputs"] for c in entry["columns"]
                    if "actuation" in mapping["linear"] or c in mapping["linear"]]  # fmt: skip
         columns = [c if isinstance(c, int) else table.names.index(c) for c in counted]
-        width = max(float(np.ptp(table.values[:, k])) for k in columns)
+        width = max(float(np.nanmax(table.values[:, k]) - np.nanmin(table.values[:, k])) for k in columns)
         neutral["linear"] = {name: {"scale": 10.0 / max(width, 1.0)} for name in mapping["linear"]}
         questions["linear"] = "mm of tendon for each step of the motor"
     return TableGuess(mapping, neutral, questions, tuple(n for n in notes if n), trials)

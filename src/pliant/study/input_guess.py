@@ -4,7 +4,7 @@ and values.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,20 +22,22 @@ WORDS = {
     "tension": {"tension", "force", "load"},
     "steps": {"step", "steps", "stepper", "count", "counts", "tick", "ticks"},
     "displacement": {"tendon", "cable", "wire", "stroke", "displacement", "pull", "elongation"},
-    "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo", "dxl", "dynamixel"},
+    "angle": {"phi", "theta", "motor", "angle", "encoder", "enc", "servo"},
 }  # fmt: skip
+OTHER_WORDS = set().union(*(words for kind, words in WORDS.items() if kind != "pressure"))
 DEFAULT_UNITS = {"angle": "deg", "displacement": "mm", "tension": "N"}
 DEGREES, TWO_TURNS = {"angle", "theta", "phi", "servo"}, 720.0  # names of angles, which may be whole degrees
 METRES = 0.5  # a smaller range of displacements without a unit is in metres
 VALVES = {*WORDS["pressure"], "p", "solenoid", "pwm", "duty", "regulator", "pump", "compressor", "inflate", "inflation"}
 ABSOLUTES = {"abs", "absolute"}
 PERCENT = {"%", "percent", "pct"}  # of a valve's duty or opening, which is 0 without pressure
+SERVOS = {"dxl", "dynamixel"}  # whose positions are angles
 COUNTED = {"v", "volt", "volts", "mv", "ma", "counts", "count", "adc", "dac", "raw", "bit", "bits", "lsb"}
+OTHER_UNITS = {*COUNTED, *PERCENT, "a", "w", "hz", "ohm", "kohm", "rpm", "m/s", "mm/s", "cm/s", "deg/s", "rad/s"}
 RATES = {"q", "r"}  # names of rates of turning, beside which p is another
 ZERO = "the reading at rest at atmospheric pressure"
 VARIES = 0.2  # of its largest value: the air around a body varies less
 WEIGHED = {"g": "gf", "gram": "gf", "grams": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}  # of load cells
-FIRST = 5  # rows in which a motor has not moved
 RAW, ABSOLUTE = "raw", "absolute"  # kinds of columns that become gauge pressures by numbers that a laboratory knows
 
 
@@ -50,20 +52,18 @@ def kind_of(table: PlainTable, k: int) -> tuple[str, str]:
     if raw is not None:
         return raw
     for kind, units in UNITS.items():
-        stated = unit_of(name, units) if len(words) > 1 else ""
-        unit = pressure_unit_among(words) if kind == "pressure" and not stated else stated
-        if unit and (unit != "m" or kind == "displacement"):
+        if len(words) > 1 and (unit := unit_of(name, units)) and (unit != "m" or kind == "displacement"):
             return kind, unit
-    if PRESSED.fullmatch(name) and not RATES & {other.lower() for other in table.names}:
-        return "pressure", ""
+        if len(words) <= 2 and words and words[0] in units and kind == "pressure":
+            return kind, words[0]
     if DEGREES & set(words) and np.nanmax(np.abs(table.values[:, k])) <= TWO_TURNS:
         return "angle", ""
     return named_input(table, k, words)
 
 
 def named_input(table: PlainTable, k: int, words: Sequence[str]) -> tuple[str, str]:
-    """Return the kind, and the unit of a load cell, of the input that the words of the name of a column k say; ("", "")
-    if there is none, or its unit is that of another quantity.
+    """Return the kind of the input that the words of the name of a column k say, and the unit of a load cell, or of a
+    pressure if it is among the words; ("", "") if there is none, or its unit is that of another quantity.
     """
     stated, whole = bracketed_unit(table.names[k]), table.whole(k)
     for kind, known in WORDS.items():
@@ -71,9 +71,50 @@ def named_input(table: PlainTable, k: int, words: Sequence[str]) -> tuple[str, s
             continue
         if whole and kind in ("steps", "angle", "displacement"):
             return "steps", ""
-        if not stated or (kind == "tension" and stated in WEIGHED):
-            return kind, WEIGHED.get(stated, "")
+        if stated in OTHER_UNITS and not is_label(table, k, stated):
+            return "", ""
+        weight = stated or (words[-1] if len(words) > 1 else "")
+        if kind == "tension" and weight in WEIGHED and not is_label(table, k, weight):
+            return kind, WEIGHED[weight]
+        return kind, pressure_unit_among(words) if kind == "pressure" and not stated else ""
     return "", ""
+
+
+def lone_input(table: PlainTable, k: int) -> tuple[str, str]:
+    """Return the kind and the unit of the input that a column k may be where no other column is one: the position of a
+    servo, a pressure p, or a duty.
+    """
+    words = words_of(table.names[k])
+    if is_place_of_servo(words):
+        return "steps" if table.whole(k) else "angle", ""
+    if is_bare_pressure(table, k):
+        return "pressure", ""
+    return (RAW, "%") if "pwm" in words and not OTHER_WORDS & set(words) else ("", "")
+
+
+def is_place_of_servo(words: Sequence[str]) -> bool:
+    """Return whether words such as dxl, 1, present, position say the angle of a servo, not its current or load."""
+    others = {word for word in words if not word.isdigit()} - SERVOS
+    return bool(SERVOS & set(words)) and (not others or bool({"position", "pos"} & others))
+
+
+def is_label(table: PlainTable, k: int, letter: str) -> bool:
+    """Return whether a letter in the name of a column k tells it from another column, as A and B do in motor (A) and
+    motor (B), and is no unit.
+    """
+    name = table.names[k]
+    unlike = [[(a, b) for a, b in zip(name, other, strict=True) if a != b] for other in table.names
+              if len(other) == len(name)]  # fmt: skip
+    return any(len(pairs) == 1 and pairs[0][0].lower() == letter and pairs[0][1].isalpha() for pairs in unlike)
+
+
+def is_bare_pressure(table: PlainTable, k: int) -> bool:
+    """Return whether a column k is named p, p1 or the like and can be a pressure: not the likelihood of a point or a
+    rate of turning.
+    """
+    name, names = table.names[k].lower(), {other.lower() for other in table.names}
+    likelihood = f"x{name[1:]}" in names - {"x"} or np.nanmax(np.abs(table.values[:, k])) <= 1.0
+    return PRESSED.fullmatch(name) is not None and not likelihood and not RATES & names
 
 
 def pressure_unit_among(words: Sequence[str]) -> str:
@@ -100,21 +141,20 @@ def pneumatic(table: PlainTable, k: int) -> tuple[str, str] | None:
     known = table.values[np.isfinite(table.values[:, k]), k]
     if set(np.unique(known)) == {0.0, 1.0}:
         return RAW, "0 or 1"
-    if "pwm" in words:
+    if "pwm" in words and "valve" in words:
         return RAW, "%"
     unit = next((u for u in (stated, *words) if u in COUNTED | PERCENT), "%" if "%" in name else "")
     return (RAW, "%" if unit in PERCENT else unit) if unit else None
 
 
-def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, Any], list[int], list[str]]:
+def input_entries(table: PlainTable, columns: Sequence[int]) -> tuple[dict[str, Any], list[int], list[str]]:
     """Return the mapping entries of the inputs in the columns, the columns that are none, and sentences. Of an input
     that was measured, the command is left out, as is a supply or an atmosphere beside the pressures of a body.
     """
-    kinds: dict[tuple[str, str], list[int]] = {}
-    left, notes = [], []
-    for k in columns:
-        known = ("", "") if is_ambient(table, k) else kind_of(table, k)
-        kinds.setdefault(known, []).append(k) if known[0] else left.append(k)
+    notes: list[str] = []
+    inside = [k for k in columns if not is_ambient(table, k)]
+    kinds = grouped({k: kind_of(table, k) for k in inside}) or grouped({k: lone_input(table, k) for k in inside})
+    left = [k for k in columns if not any(k in members for members in kinds.values())]
     for names, what in ((COMMANDED, "commands beside measured inputs"), (None, "supplies beside pressures of a body")):
         for key, members in kinds.items():
             idle = [k for k in members if (names & set(words_of(table.names[k])) if names else is_outside(table, k))]
@@ -122,6 +162,8 @@ def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, 
                 kinds[key] = [k for k in members if k not in idle]
                 notes.append(f"{what} are not used: {', '.join(table.names[k] for k in idle)}")
     pressures = {unit: members for (kind, unit), members in kinds.items() if kind == "pressure"}
+    if len(pressures) > 1:
+        left += pressures.pop("", [])
     signals = {key: members for key, members in kinds.items() if key[0] in (RAW, ABSOLUTE)}
     if pressures and signals:
         unused = ", ".join(table.names[k] for members in signals.values() for k in members)
@@ -141,6 +183,14 @@ def input_entries(table: PlainTable, columns: Iterable[int]) -> tuple[dict[str, 
             mapping["linear"] = {"actuation": {"scale": OPEN}} if len(kinds) == 1 else {
                 name: {"scale": OPEN} for name in entry["columns"]}  # fmt: skip
     return mapping, left, notes
+
+
+def grouped(known: Mapping[int, tuple[str, str]]) -> dict[tuple[str, str], list[int]]:
+    """Return the columns that are inputs by their kind and unit."""
+    kinds: dict[tuple[str, str], list[int]] = {}
+    for k, kind in known.items():
+        kinds.setdefault(kind, []).append(k) if kind[0] else None
+    return kinds
 
 
 def is_ambient(table: PlainTable, k: int) -> bool:
@@ -163,8 +213,6 @@ def pressure_entry(table: PlainTable, groups: Mapping[str, Sequence[int]]) -> di
     columns = [table.names[k] for members in groups.values() for k in members]
     if len(groups) == 1:
         return {"columns": columns, "unit": next(iter(groups)) or OPEN}
-    if "" in groups:
-        return pressure_entry(table, {unit: members for unit, members in groups.items() if unit})
     scale = [pascal_per(unit) for unit, members in groups.items() for _ in members]
     return {"columns": columns, "unit": "Pa", "scale": scale}
 
@@ -180,12 +228,12 @@ def input_entry(table: PlainTable, members: Sequence[int], kind: str, unit: str)
     """Return an entry of `inputs` for columns of one kind, and a sentence if their unit was assumed."""
     names = [table.names[k] for k in members]
     if kind == "steps":
-        first, width = np.nanmedian(table.values[:FIRST, members], axis=0), np.ptp(table.values[:, members], axis=0)
+        values = table.values[:, members]
+        width = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
+        first = values[np.isfinite(values).all(axis=1)][:1]
+        far = f"{', '.join(names)}: far from 0 at first; if nothing pulls then, add zero = {first.ravel().tolist()}"
         entry = {"columns": names, "kind": "displacement", "unit": "mm"}
-        if not (np.abs(first) > width).any():
-            return entry, ""
-        note = f"{', '.join(names)}: counted from their first rows, far from 0; correct zero if they pull then"
-        return entry | {"zero": first.tolist()}, note
+        return entry, far if (np.abs(first) > width).any() else ""
     if unit:
         return {"columns": names, "kind": kind, "unit": unit}, ""
     widest = float(np.nanmax(np.abs(table.values[:, list(members)])))

@@ -33,7 +33,7 @@ from pliant.recording.units_row import with_units
 from pliant.units import METRE
 
 Array = np.ndarray
-A_YEAR = 3.2e7  # s: clocks that count seconds and their fraction since 1970 have passed it
+A_YEAR, FAR = 3.2e7, 1e10  # s: clocks that count seconds and their fraction since 1970 are between these
 TURNING = {"q", "quat", "quaternion", "orientation"}
 ACCELERATIONS = {"a", "acc", "accel", "acceleration", "linear_acceleration"}
 TURNS = {*TURNING, "ori", "rot"}
@@ -93,14 +93,18 @@ def plain_table(path: Path) -> PlainTable | None:
 
 def parted_times(table: PlainTable) -> tuple[int, int, str] | None:
     """Return the columns of whole seconds and of their fraction, and the unit of the fraction (us or ns), if they are
-    side by side among the first three columns of a table without names; None for other tables.
+    side by side among the first three columns of a table without names; None for other tables. Most seconds have
+    several rows, in which the fraction rises, and begin it anew.
     """
     for k in range(min(2, table.values.shape[1] - 1)):
         whole, part = table.values[:, k], table.values[:, k + 1]
-        if not (table.whole(k) and table.whole(k + 1)) or not np.isfinite([whole, part]).all() or whole[0] < A_YEAR:
+        if not (table.whole(k) and table.whole(k + 1)) or not np.isfinite([whole, part]).all():
+            continue
+        seconds, rise = np.diff(whole), np.diff(part)
+        if not A_YEAR < whole[0] < FAR or np.median(seconds) != 0 or not (rise[seconds != 0] < 0).any():
             continue
         unit, count = ("us", 1e6) if part.max() < 1e6 else ("ns", 1e9)
-        rising = bool((np.diff((whole - whole[0]) * count + part) > 0).all())
+        rising = bool((seconds * count + rise > 0).all())
         if part.min() >= 0 and 0.1 * count < part.max() < count and rising:
             return k, k + 1, unit
     return None

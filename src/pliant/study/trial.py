@@ -380,9 +380,9 @@ def two_plates(trials: Sequence[Trial]) -> dict[str, list[str]]:
     names = [str(s) for s in trials[0].recording["station"].values]
     for trial in trials:
         unnamed = trial.guess.numbered if trial.guess else all(UNNAMED.fullmatch(name) for name in names)
-        if trial.angles_only or trial.recording.attrs["frame"] != "tracker" or not unnamed:
-            return {}
-        if trial.stations or trial.dense or [str(s) for s in trial.recording["station"].values] != names:
+        grouped = trial.dense or any(len(markers) > 1 for markers in trial.stations.values())
+        same = [str(s) for s in trial.recording["station"].values] == names
+        if trial.angles_only or trial.recording.attrs["frame"] != "tracker" or grouped or not (unnamed and same):
             return {}
     base = [n for n in names if all(n in trial.quality.standing for trial in trials)]
     tip = [n for n in names if n not in base]
