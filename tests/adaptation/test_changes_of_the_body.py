@@ -20,7 +20,8 @@ JOINTS = ("stiffness_1", "stiffness_2", "stiffness_3")
 
 def posterior(names: tuple[str, ...] = (*JOINTS, "damping"), std: float = 0.02) -> Posterior:
     model = chain_model(length=0.2, mass=0.1, links=3, stiffness=[1.0, 2.0, 4.0], damping=0.1, torque=[1e-6])
-    means = {"stiffness": 2.0, **dict(zip(JOINTS, (1.0, 2.0, 4.0), strict=True)), "damping": 0.1, "torque_1": 1e-6, "base_angle": 0.2}
+    means = {"stiffness": 2.0, **dict(zip(JOINTS, (1.0, 2.0, 4.0), strict=True)), "damping": 0.1, "torque_1": 1e-6,
+             "base_angle": 0.2}  # fmt: skip
     mean = np.array([means[n] for n in names])
     return Posterior(model, tuple(Parameter(n, m) for n, m in zip(names, mean, strict=True)),
                      JointPrior(names, mean, np.diag((std * mean) ** 2)), {}, {})  # fmt: skip
