@@ -23,6 +23,17 @@ def test_usual_names_need_no_mapping(tmp_path):
     assert ds["arc_length"].values.tolist() == [0, 0.1]
 
 
+def test_a_pressure_in_capitals_states_its_unit_and_comes_second(tmp_path):
+    np.savez(tmp_path / "a.npz", t=TIME, xyz=POSITION, p_kpa=np.arange(6), P_kPa=np.zeros(6))
+    assert read(tmp_path / "a.npz")["pressure"].values[5] == 5000
+    np.savez(tmp_path / "b.npz", t=TIME, xyz=POSITION, p_kPa=np.arange(6))
+    assert read(tmp_path / "b.npz")["pressure"].values[5] == 5000
+    np.savez(tmp_path / "c.npz", t=TIME, xyz=POSITION, Pressure=np.arange(6))
+    ds = read(tmp_path / "c.npz")
+    assert "pressure" not in ds
+    assert "not used: Pressure" in ds.attrs["history"]
+
+
 def test_other_names_units_and_orders_by_mapping(tmp_path):
     savemat(tmp_path / "a.mat", {"log": {"pos": np.transpose(POSITION, (2, 1, 0)), "press": np.arange(6.0)}})
     mapping = {"position": "log.pos", "order": "ast", "length_unit": "mm", "rate_hz": 10, "pressure": "log.press"}

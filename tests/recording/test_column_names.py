@@ -34,18 +34,44 @@ def test_spellings(names: list[str], expected: list[str], unit: str) -> None:
 @pytest.mark.parametrize("names", [
     "t bx by bz tx ty tz -> t x_b y_b z_b x_t y_t z_t",
     "t bx_mm by_mm bz_mm mx_mm my_mm mz_mm -> t x_b y_b z_b x_m y_m z_m",
-    "t Port1_Tx Port1_Ty Port1_Tz Port2_Tx Port2_Ty Port2_Tz -> t x_Port1 y_Port1 z_Port1 x_Port2 y_Port2 z_Port2",
-    "t tx ty tz q0 q1 q2 q3 -> t x_body y_body z_body qw_body qx_body qy_body qz_body",
+    "t P_Q0 P_Qx P_Qy P_Qz P_Tx P_Ty P_Tz -> t qw_P qx_P qy_P qz_P x_P y_P z_P",
+    "t P1_Tx_mm P1_Ty_mm P1_Tz_mm P2_Tx_mm P2_Ty_mm P2_Tz_mm -> t x_P1 y_P1 z_P1 x_P2 y_P2 z_P2",
+    "t tx ty tz q0 qx qy qz -> t x_body y_body z_body qw_body qx_body qy_body qz_body",
     "t tip_x tip_y tip_z tip_q0 tip_qx tip_qy tip_qz -> t x_tip y_tip z_tip qw_tip qx_tip qy_tip qz_tip",
     "t px py pz vx vy vz ax ay az -> t x_body y_body z_body vx vy vz ax ay az",
     "t Fx Fy Fz Tx Ty Tz -> t Fx Fy Fz Tx Ty Tz",  # a load cell
     "t ax ay az gx gy gz mx my mz -> t ax ay az gx gy gz mx my mz",  # an inertial sensor
     "t tip_x tip_y tip_q1 tip_q2 tip_q3 tip_q4 -> t x_tip y_tip tip_q1 tip_q2 tip_q3 tip_q4",
     "t field.fluid_pressure field.variance -> t p_pa field.variance",
+    "t fluid_pressure chamber_kpa -> t fluid_pressure p_kpa",
+    "t baro.fluid_pressure p_kpa -> t baro.fluid_pressure p_kpa",
+    "t baro.fluid_pressure tip_x tip_y -> t baro.fluid_pressure x_tip y_tip",
+    "ms p_kpa -> t_ms p_kpa",
+    "sec ms p_kpa -> sec ms p_kpa",
+    "t ms p_kpa -> t ms p_kpa",
+    "time_ms ms p_kpa -> t_ms ms p_kpa",
 ])
 def test_short_names(names: str) -> None:
     recorded, expected = (part.split() for part in names.split(" -> "))
     assert standard_names(recorded, "a.csv").names == expected
+
+
+@pytest.mark.parametrize(("places", "others"), [
+    ("tx ty tz", "rx ry rz"), ("px py pz", "rx ry rz"), ("px py pz", "ux uy uz"), ("px py pz", "dx dy dz"),
+    ("px py pz", "Bx By Bz"), ("tx ty tz", "Bx By Bz"), ("tx ty tz", "mx my mz"), ("tx_mm ty_mm tz_mm", "fx fy fz"),
+    ("tx ty tz", "Fx Fy Fz"), ("tx ty tz", "fx fy fz"), ("x y z", "q0 q1 q2 q3"), ("tx ty tz", "q0 q1 q2 q3"),
+    ("", "wrist_Tx wrist_Ty wrist_Tz"), ("", "mx my mz"), ("", "Bx By Bz"), ("", "angle_deg mx my mz"),
+    ("", "angle_deg Bx By Bz"), ("", "angle_deg rx ry rz"), ("", "px_mm py_mm pz_mm tx_mm ty_mm tz_mm"),
+])  # fmt: skip
+def test_rotations_fields_and_angles_of_joints_are_no_places(places: str, others: str) -> None:
+    named = ["t", *places.split(), *others.split(), "p_kpa"]
+    body = [f"{axis}_body" for axis in "xyz" if places]
+    assert standard_names(named, "a.csv").names == ["t", *body, *others.split(), "p_kpa"]
+
+
+def test_a_french_article_is_no_set_point() -> None:
+    names = ["t", "pression des tubes [kPa]", "consigne [kPa]"]
+    assert standard_names(names, "a.csv").names == ["t", "p_kpa", "consigne [kPa]"]
 
 
 def test_two_names_of_one_column_stay_as_they_are() -> None:

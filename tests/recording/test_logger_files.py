@@ -66,9 +66,33 @@ def test_channels_that_name_coordinates_are_positions(tmp_path):
     np.testing.assert_allclose(ds["position"].values[7], [[0.0, 0.0, 0.005], [0.02, 0.03, 0.1]])
     np.testing.assert_allclose(ds["pressure"].values, P * PSI)
     np.testing.assert_allclose(ds["time"].values, T, atol=1e-12)
-    write_places("")
-    with pytest.raises(InputError, match="does not state the unit of base_x"):
-        read(path)
+    write_places("V")
+    ds = read(path)
+    assert "position" not in ds
+    np.testing.assert_allclose(ds["pressure"].values, P * PSI)
+    assert "6 channel(s) of run.tdms hold no pressure and were left out: base_x" in ds.attrs["history"]
+
+
+@pytest.mark.parametrize(("others", "reason"), [
+    ({"Joystick X": "V", "Joystick Y": "V", "Joystick Z": "V"}, ""),
+    ({"Mx": "Nmm", "My": "Nmm", "Mz": "Nmm"}, ""),
+    ({"Stage_x": "mm", "Encoder_y": "um"}, "several units of length"),
+    ({"tip_x": "mm", "tip_y": "mm", "tip_z": "mm", "base_x": "mm", "base_y": "mm", "base_z": "mm"}, "at one rate"),
+])
+def test_channels_that_are_no_positions_leave_the_pressures(tmp_path, others, reason):
+    path = tmp_path / "run.tdms"
+
+    def channel(name, unit):
+        rate = 0.02 if name.startswith("base") else 0.01
+        return ChannelObject("Log", name, P * 1.0, properties={"wf_increment": rate, "unit_string": unit})
+
+    with TdmsWriter(path) as writer:
+        writer.write_segment([channel("Chamber", "psi"), *(channel(*item) for item in others.items())])
+    ds = read(path)
+    assert "position" not in ds
+    np.testing.assert_allclose(ds["pressure"].values, P * PSI)
+    assert f"{len(others)} channel(s) of run.tdms hold no pressure" in ds.attrs["history"]
+    assert reason in ds.attrs["history"]
 
 
 def test_a_channel_without_a_unit_is_named_by_the_mapping(tmp_path):

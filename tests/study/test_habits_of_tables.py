@@ -167,12 +167,14 @@ def test_a_servo_that_begins_far_from_zero_is_told(tmp_path, begin):
     assert any("if nothing pulls then, add zero" in note for note in guess.notes) == bool(begin)
 
 
-def test_components_of_curvature_are_recognised(tmp_path):
+@pytest.mark.parametrize("axes", ["xy", "yx"])
+def test_components_of_curvature_are_recognised(tmp_path, axes):
     """An even bend of 0.1 m with 3 and 4 1/m reaches as far across as a circle of 5 1/m."""
     arcs = [f"{s:g} mm" for s in range(0, 101, 20)]
-    names = ["t", *(f"K{axis} {s} (1/m)" for axis in "xy" for s in arcs), "p_kPa"]
+    names = ["t", *(f"K{axis} {s} (1/m)" for axis in axes for s in arcs), "p_kPa"]
     flat = np.ones((len(TIMES), len(arcs)))
-    path = written(tmp_path / "a.txt", names, TIMES, 3.0 * flat, 4.0 * flat, KPA, delimiter="\t")
+    path = written(tmp_path / "a.txt", names, TIMES, *((3.0 if axis == "x" else 4.0) * flat for axis in axes), KPA,
+                   delimiter="\t")
     guess = guessed_table(path)
     assert guess.mapping["components"] == ["Kx ", "Ky "]
     tip = drafted(path).inspected.first.recording["position"].values[0, -1]
@@ -199,3 +201,24 @@ def test_names_of_bend_sensors_and_of_milliseconds(tmp_path):
     log = read(written(tmp_path / "log.csv", ["ms", "kPa"], 1e3 * TIMES, KPA))
     np.testing.assert_allclose(np.diff(log["pressure_time"]), np.diff(TIMES), atol=1e-9)
     np.testing.assert_allclose(log["pressure"], 1e3 * KPA)
+
+
+@pytest.mark.parametrize(("others", "angles"), [
+    (["angle_deg", "bend"], True), (["angle_deg", "bend_radius_mm"], True), (["angle_deg", "bend_deg"], True),
+    (["bend"], False), (["bend_V"], False),
+])  # fmt: skip
+def test_a_bend_without_its_unit_or_beside_an_angle_is_none(tmp_path, others, angles):
+    columns = [KPA, 50.0 + KPA][: len(others)]
+    ds = read(written(tmp_path / "a.csv", ["t", *others, "p_kPa"], TIMES, *columns, KPA))
+    assert "pressure" in ds
+    assert ("angle" in ds) == angles
+    if angles:
+        np.testing.assert_allclose(ds["angle"].values, np.radians(KPA)[:, None], rtol=1e-6)
+
+
+def test_the_milliseconds_of_a_second_are_no_clock(tmp_path):
+    second = np.floor(TIMES + 1e-9)
+    path = written(tmp_path / "a.csv", ["sec", "ms", *AXES, "p_kPa"], second, 1e3 * (TIMES - second), BASE, TIP, KPA)
+    guess = guessed_table(path)
+    assert "time" not in guess.mapping
+    assert "rate_hz" in guess.questions

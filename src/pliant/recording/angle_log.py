@@ -23,7 +23,7 @@ from pliant.recording.tables import find_delimiter, read_text, split_cells
 from pliant.units import PASCAL, RADIAN
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     import xarray as xr
@@ -31,9 +31,10 @@ if TYPE_CHECKING:
 Role = Literal["time", "angle", "pressure"]
 NAMES: dict[Role, re.Pattern[str]] = {
     "time": re.compile(r"t|time|timestamp|millis"),
-    "angle": re.compile(r"(?:(.+)_)?(?:angle|angles|theta|flex|bend|bending|imu)(?:_(.+))?"),
+    "angle": re.compile(r"(?:(.+)_)?(?:angle|angles|theta|flex|imu)(?:_(.+))?"),
     "pressure": re.compile(r"p|pressure|pressures"),
 }
+BEND = re.compile(r"(?:(.+)_)?(?:bend|bending)(?:_(.+))?")  # an angle if it states a unit, and no other name says one
 UNITS: dict[Role, Iterable[str]] = {"time": SECONDS, "angle": RADIAN, "pressure": PASCAL}
 SLOWEST = 1.0  # s between two samples of a log whose header does not say the unit of time
 
@@ -95,7 +96,7 @@ def read_angle_log(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.D
     return recording
 
 
-def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:
+def roles(names: Sequence[str]) -> dict[str, tuple[Role, str]]:
     """Return, for each column whose name is recognised, its role (time, angle or pressure) and its unit ("" where the
     name states none).
     """
@@ -106,6 +107,9 @@ def roles(names: Iterable[str]) -> dict[str, tuple[Role, str]]:
             if pattern.fullmatch(bare) and (not unit or unit in UNITS[role]):
                 recognised[name] = (role, unit or ("ms" if bare == "millis" else ""))
                 break
+    if not any(role == "angle" for role, _ in recognised.values()):
+        recognised |= {name: ("angle", unit) for name in names for bare, unit in [parted(name)]
+                       if unit in RADIAN and BEND.fullmatch(bare)}  # fmt: skip
     return recognised
 
 
@@ -133,7 +137,7 @@ def station_names(columns: list[str]) -> list[str]:
         return ["tip"]
     names = []
     for k, column in enumerate(columns):
-        match = NAMES["angle"].fullmatch(parted(column)[0])
+        match = NAMES["angle"].fullmatch(parted(column)[0]) or BEND.fullmatch(parted(column)[0])
         names.append((match and (match[1] or match[2])) or f"angle_{k + 1}")
     return names if len(set(names)) == len(names) else columns
 

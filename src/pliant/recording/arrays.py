@@ -251,7 +251,8 @@ def _pressure(
             raise InputError(f"the unit of {options.pressure!r} in {file} is unknown: set pressure_unit in the mapping")
         name = options.pressure
     else:
-        present = [n for n in arrays if n.lower() in PRESSURE_NAMES]
+        present = [n for n in PRESSURE_NAMES if n in arrays]
+        present = present or [n for n in arrays if n.lower() in PRESSURE_NAMES and n.lower() != "pressure"]  # p_kPa
         if len(present) > 1:
             raise InputError(f"{file} has several pressures: {', '.join(present)}; set pressure in the mapping to "
                              "one of them")

@@ -30,15 +30,16 @@ ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", r
 SHORT = re.compile(r"(?:(.+)[_ .:])?([a-z])([xyz])", re.IGNORECASE)  # bx, Port1_Tx
 TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "datetime", "date_time", "date", "clock",
          "zeit", "zeitstempel", "uhrzeit", "temps", "tiempo", "tempo", "tid", "tijd"}  # fmt: skip
-COUNTERS = {"millis": "ms", "ms": "ms", "msec": "ms", "micros": "us"}  # names of times that state their unit
+COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
+ALONE = {"ms": "t_ms", "msec": "t_ms"}  # names of times where a table has no other, and no seconds beside them
 PARTS = {  # names of seconds, and of their fraction with its unit
     "seconds": re.compile(r"(?:.*[_ .])?(?:sec|secs|seconds)", re.IGNORECASE),
     "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),
     "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosecs?|nanoseconds?)", re.IGNORECASE),
 }
-TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orientation|o)[_ .]?([xyzw0-3])",
+TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orientation|o)[_ .]?([xyzw0])",
                   re.IGNORECASE)  # fmt: skip
-NUMBERED = dict(zip("0123", "wxyz", strict=True))  # components of a quaternion q0 to q3
+NUMBERED = {"0": "w"}  # q0 beside qx, qy and qz; q0 to q3 may be joint angles
 BODY = "body"  # name of a single tracked body, where the names of its columns hold none
 BRACKETED = re.compile(  # tip_x [mm], p [bar(g)], p (bar(g))
     r"(.+?)[\s_]*(?:\[\s*([^\[\]]+?)\s*\]|\(\s*([^()]+(?:\([^()]*\))?)\s*\))")
@@ -46,18 +47,20 @@ ENDING = re.compile(r"(.+)[_ ]([A-Za-z\u00b5\u03bc\u00b0]+)")  # tip_x_mm
 CLOCK_FACE = re.compile(r"h*:?m+:s+(?:[.:,](?:m|s|f|0|x|u)+)?")  # hh:mm:ss.ms, how times are written
 WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
 LETTERS = set("afgoqvw")  # of quantities that are no positions
-BESIDE = {"t": set("f"), "m": set("afg"), "b": set("ag")}  # torques, moments and magnetic fields beside these letters
+TORQUES = re.compile(r"(?:.* )?(?:fx fy fz tx ty tz|Fx Fy Fz Tx Ty Tz|FX FY FZ TX TY TZ)(?: .*)?")  # of a load cell
 OTHERS = re.compile(r"forces?|acc\w*|gyr\w*|mag(?!nets?$)\w*|vel\w*|speed|twist|torques?|moments?|wrench\w*|load_?cell|"
                     r"rot\w*|ang|angles?|angular|orient\w*|ori|quat\w*|grav\w*|imu\w*|euler\w*|omega|target|goal|ref|"
                     r"reference|cmd|command\w*|des|desired|setpoint|set_point")  # fmt: skip
 AIR = r"atm\w*|ambient|barom\w*"  # around a body
 AMBIENT = re.compile(rf"(?:.*[\W_])?(?:{AIR})(?:[\W_].*)?", re.IGNORECASE)
-ELSEWHERE = rf"set\w*|cmd|command\w*|ref\w*|target|des|desired|goal|soll|consigne|supply|tank|{AIR}"  # not in the body
+DES = r"des(?![\W_]+[a-z]+s(?![a-z]))"  # p_des, not pression des tubes
+ELSEWHERE = rf"set\w*|cmd|command\w*|ref\w*|target|{DES}|desired|goal|soll|consigne|supply|tank|{AIR}"  # no chamber
 PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
-FLUID = re.compile(r"(?:.*[./])?fluid_pressure", re.IGNORECASE)  # the field of a message of ROS, in Pa
+FLUID = re.compile(r"(?!.*baro)(?:.*[./])?fluid_pressure", re.IGNORECASE)  # the field of a message of ROS, in Pa
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
 ABSOLUTE = re.compile(r"(?:^|[\W_])abs(?:olute)?(?:[\W_]|$)", re.IGNORECASE)  # a pressure that is no gauge pressure
 LENGTHS = {*METRE, PIXEL}
+ANGLES = {"angle", "angles", "theta", "flex"}  # words of tables of angles
 WORDS = {"in", "atm"}  # units that are words as well: a name states them in brackets alone
 
 
@@ -85,7 +88,8 @@ def standard_names(names: list[str], file: str) -> Renamed:
     positions = {name: coordinate for name in names if (coordinate := _position(name))}
     if any(BEFORE.fullmatch(name) for name in names):  # where x_tip is a position, acc_x is not
         positions = {name: coordinate for name, coordinate in positions.items() if BEFORE.fullmatch(name)}
-    positions = _one_body(names, positions) or positions or _short(names)
+    body, short = _one_body(names, positions), _short(names)
+    positions = short if not positions and set(short) > set(body) else body or positions
     units = {unit for _, unit in positions.values()}
     if len(units) > 1:
         stated = ", ".join(sorted(unit or "no unit" for unit in units))
@@ -98,7 +102,10 @@ def standard_names(names: list[str], file: str) -> Renamed:
     pressures = {n: other for n in names if n not in standard and (other := _pressure(n))}
     inside = {n: other for n, other in pressures.items() if not NOT_INSIDE.fullmatch(n)}
     standard |= inside or pressures
-    standard |= _channels([name for name in names if name not in standard], [*standard.values()])
+    channels = _channels([name for name in names if name not in standard], [*standard.values()])
+    if not pressures and not channels and len(fluids := unitless_pressures(names)) == 1 and FLUID.fullmatch(fluids[0]):
+        channels = {fluids[0]: "p_pa"}
+    standard |= channels
     owners = Counter([*names, *(new for old, new in standard.items() if old != new)])
     changed = {old: new for old, new in standard.items() if old != new and owners[new] == 1}
     return Renamed([changed.get(n, n) for n in names], next(iter(units), ""), _sentence(changed, units))
@@ -163,31 +170,36 @@ def _one_body(names: Iterable[str], others: Mapping[str, tuple[str, str]]) -> di
     bare = {name: (match[1].lower(), unit) for name, (word, unit) in parts.items()
             if (match := ONE_BODY.fullmatch(word)) and not name.lower().endswith("_m")}  # fmt: skip
     axes = sorted(axis for axis, _ in bare.values())
-    if all(SHORT.fullmatch(parts[name][0]) for name in bare) and len(bare) == 3 and set(_short(names)) != set(bare):
-        return {}
-    if axes not in (["x", "y"], ["x", "y", "z"]) or set(others) - set(bare):
+    if axes not in (["x", "y"], ["x", "y", "z"]) or set(others) - set(bare) or TORQUES.fullmatch(" ".join(names)):
         return {}
     return {name: (f"{axis}_{BODY}", unit) for name, (axis, unit) in bare.items()}
 
 
 def _short(names: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """Return the standard names and units of the coordinates x, y and z of stations whose names are a letter, such as
-    ``bx`` of b, or that have the t of a translation before the axis, such as ``Port1_Tx`` of Port1; not of torques and
-    other quantities, which their letters and those beside them show.
+    """Return the standard names and units of the coordinates x, y and z of stations b, m and t, such as ``bx``, or that
+    have the t of a translation before the axis, such as ``Port1_Tx`` of Port1; none where a table has angles.
+
+    Letters also say moments, magnetic fields and torques: those of b, m and t are positions if they state a unit of
+    length, or in lower case if both b and t are there, and those of a port if it has a quaternion or a unit.
     """
     parts = {name: (match[1] or "", match[2], match[3].lower(), unit) for name in names
              for word, unit in [_without_unit(name, LENGTHS)] if (match := SHORT.fullmatch(word))}  # fmt: skip
     count = Counter(part[:2] for part in parts.values())
     full = {name: part for name, part in parts.items() if count[part[:2]] == 3}
-    beside = {(begin, letter.lower()) for begin, letter, _, _ in full.values()}
-    return {name: (f"{axis}_{begin or letter}", unit) for name, (begin, letter, axis, unit) in full.items()
-            if (low := letter.lower()) not in LETTERS and (low == "t" or not begin)
-            and not any((begin, other) in beside for other in BESIDE.get(low, ()))}  # fmt: skip
+    letters = {letter for begin, letter, _, _ in full.values() if not begin}
+    if any(ANGLES & {*words_of(name)} for name in names) or letters & {*"pP"}:
+        return {}
+    both = {"b", "t"} <= letters and not letters & {*"afgAFG"}
+    turned = {match[1] for name in names if (match := TURN.fullmatch(name))}
+    found = {name: (f"{axis}_{begin or letter}", unit) for name, (begin, letter, axis, unit) in full.items()
+             if letter.lower() in ("t" if begin else "bmt")
+             and (unit or (begin in turned if begin else both and letter.islower()))}  # fmt: skip
+    return found if len({unit for _, unit in found.values()}) == 1 else {}
 
 
 def _orientations(names: Iterable[str], stations: Collection[str]) -> dict[str, str]:
     """Return the standard names of the columns of quaternions, such as ``tip_qx`` or ``quat_w``, of stations of which
-    the table has all four. In q0, q1, q2, q3 the first is w.
+    the table has all four. The q0 beside qx, qy and qz is w.
     """
     turns = {name: (match[1] or BODY, NUMBERED.get(match[2], match[2].lower())) for name in names
              if (match := TURN.fullmatch(name))}  # fmt: skip
@@ -204,12 +216,12 @@ def _clocks(names: Iterable[str]) -> dict[str, str]:
         if is_time(name) and unit in ("", *SECONDS):
             clocks[name] = f"t_{unit}" if unit not in ("", "s") else "t"
     plain = {name: new for name, new in clocks.items() if parted(name)[0] not in ("date", "datetime", "date_time")}
+    if not clocks and not any(PARTS["seconds"].fullmatch(name) for name in names):
+        return {name: ALONE[name.lower()] for name in names if name.lower() in ALONE}
     return plain or clocks
 
 
 def _pressure(name: str) -> str | None:
-    if FLUID.fullmatch(name):
-        return "p_pa"
     bare, unit = _without_unit(name, PASCAL)
     match = PRESSURE.fullmatch(bare)
     if not match or not unit or ABSOLUTE.search(bare):

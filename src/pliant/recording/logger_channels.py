@@ -18,7 +18,7 @@ from pliant.errors import InputError, clipped, inside
 from pliant.recording.apart import read_apart
 from pliant.recording.clock import without_repeats
 from pliant.recording.column_arrays import calibrated, from_counts
-from pliant.recording.column_names import standard_names, stations_of
+from pliant.recording.column_names import standard_names, stations_of, unit_of
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
@@ -81,7 +81,7 @@ def pressure_log(
     if missing := [n for n in names if n not in channels]:
         raise InputError(f"{file} has no channel {clipped(missing[0])!r}: correct pressure in its mapping; its "
                          f"channels are: {listing}")
-    shape = positions_in({n: c for n, c in channels.items() if n not in names}, file)
+    shape, doubts = positions_beside(names, channels, file)
     if not names and shape:
         with inside(file):
             return make_recording(shape.time, shape.position, station=shape.stations,
@@ -107,7 +107,7 @@ def pressure_log(
     stored = np.stack([channels[n].values for n in names], axis=1)[keep]
     values = from_counts(stored, options.scale, options.zero, file) * [pascal_per(unit) for unit in units]
     single = len(names) == 1 and options.chamber is None
-    findings = unread(channels, [*names, *(shape.channels if shape else [])], file)
+    findings = [*doubts, *unread(channels, [*names, *(shape.channels if shape else [])], file)]
     findings += calibrated(names, options.scale, options.zero, units[0])
     with inside(file):
         return make_recording(
@@ -126,24 +126,36 @@ class Positions(NamedTuple):
     channels: list[str]
 
 
+def positions_beside(
+    pressures: Sequence[str], channels: Mapping[str, Channel], file: str
+) -> tuple[Positions | None, list[str]]:
+    """Return the positions in the channels other than the pressures, and a sentence for the history where there are
+    pressures and the positions cannot be read.
+    """
+    try:
+        return positions_in({n: c for n, c in channels.items() if n not in pressures}, file), []
+    except InputError as error:
+        if not pressures:
+            raise
+        return None, [f"no positions of {file} are read: {error}"]
+
+
 def positions_in(channels: Mapping[str, Channel], file: str) -> Positions | None:
-    """Return the positions of the stations whose x, y and z the names of channels state; None where there are none.
+    """Return the positions of the stations whose x, y and z the names of channels with a unit of length state; None
+    where there are none.
 
     Raises
     ------
     InputError
-        When these channels have different sample times, or several or no units of length.
+        When these channels have different sample times or several units.
     """
-    names = [*channels]
-    units = {n: unit for n, c in channels.items() if (unit := standard_unit(c.unit)) in METRE}
-    renamed = standard_names([f"{n} [{units[n]}]" if n in units else n for n in names], file)
+    stated = {n: standard_unit(c.unit) if c.unit else unit_of(n, METRE) for n, c in channels.items()}
+    names = [n for n in channels if stated[n] in METRE]
+    renamed = standard_names([f"{n} [{stated[n]}]" if channels[n].unit else n for n in names], file)
     listed = {s: at["position"] for s, at in stations_of(renamed.names, names).items() if len(at["position"]) == 3}
     columns = [n for axes in listed.values() for n in axes]
     if not columns:
         return None
-    if not renamed.length_unit:
-        raise InputError(f"{file} does not state the unit of {clipped(columns[0])} and other positions: set that of "
-                         "these channels to m, cm or mm, or write it behind their names, such as tip_x_mm")
     time = channels[columns[0]].time
     if any(not np.array_equal(channels[n].time, time) for n in columns):
         raise InputError(f"the channels of positions of {file}, such as {clipped(columns[0])}, have different sample "

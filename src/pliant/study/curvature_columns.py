@@ -15,7 +15,7 @@ from pliant.study.shorthand import OPEN
 
 CURVATURE = {"k", "kappa", "curvature", "curv", "curvatures", "\u03ba"}
 DIRECTION = {"a", "angle", "direction", "dir", "phi", "theta", "orientation"}
-COMPONENT = re.compile(r"(?:k|kappa|curv\w*?|\u03ba)[\s_]*[xy]\W*", re.IGNORECASE)  # Kx, curvature_y
+COMPONENT = re.compile(r"(?:k|kappa|curv\w*?|\u03ba)[\s_]*([xy])\W*", re.IGNORECASE)  # Kx, curvature_y
 FEWEST = 4  # arc lengths that are no numbers of stations
 ANGLES = {"deg": "deg", "degree": "deg", "degrees": "deg", "\u00b0": "deg", "rad": "rad", "radian": "rad",
           "radians": "rad"}  # fmt: skip
@@ -37,7 +37,8 @@ def curvature_columns(names: Sequence[str]) -> tuple[dict[str, Any], dict[str, s
     entry that they leave open, which is "?"; empty if no columns of curvature have a time beside them.
     """
     groups = along(names)
-    parts = [g for g in groups if COMPONENT.fullmatch(g.start.strip())]
+    axes = {match[1].lower(): g for g in groups if (match := COMPONENT.fullmatch(g.start.strip()))}
+    parts = [axes[axis] for axis in sorted(axes)]
     both = len(parts) == 2 and parts[0][1:] == parts[1][1:]
     curved = parts[0] if both else next((g for g in groups if CURVATURE & {*words_of(g.start)}), None)
     if curved is None or not any(map(is_time, names)):
