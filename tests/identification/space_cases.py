@@ -37,7 +37,7 @@ OF_SEGMENTS = {
 }  # fmt: skip
 OF_TENDONS = {
     "line_stiffness": 1.8e3, "cord.lever": 7e-3, "cord.taper": 0.02, "cord.pretension": 0.6, "red.pulley": 0.012,
-    "red.imbalance": 0.3, "friction": 0.2, "entry_friction": 0.1,
+    "red.imbalance": 0.3, "friction": 0.2, "entry_friction": 0.1, "spacing": 0.02,
 }  # fmt: skip
 
 

@@ -82,7 +82,7 @@ def chain(n: int, length: float, bending: float, torsion: float, *, turn: float 
         0.0, np.zeros(3 * n), K, np.zeros(3 * n), np.zeros((ROWS, 3 * n)), np.zeros(n), np.zeros((0, 3)),
         np.zeros((n, 0)),
     )
-    tendons = np.zeros((0, 3 * n)), *np.zeros((5, 0)), np.zeros((3 * n, n + 1)), np.zeros((n + 1, 0))
+    tendons = *np.zeros((2, 0, 3 * n)), *np.zeros((5, 0)), np.zeros((3 * n, n + 1)), np.zeros((n + 1, 0))
     return Chain(SpatialBody(links, none, none, none, none, rest, ALONG_X, 0.0, 0.0, 0.0, *tendons), joints)
 
 

@@ -100,7 +100,7 @@ MODELS = {
     ),
     "slack": pulled(pretension=0.0), "loose": pulled(pretension=-1.0),
     "pair_pretension": spatial(chambers=(tendon(0.4, "near", pair=True),)),
-    "base_motion": planar(moving_base=True),
+    "tendon_chords": pulled(spacing=0.02), "base_motion": planar(moving_base=True),
 }  # fmt: skip
 MORE = {"slack": "tendons", "loose": "tendons", "remembering_segments": "axial_memory"}  # more models of a feature
 LATE_OR_SLOW = {"creep", "space_memory", "axial_memory", "swelling"}  # slow beside the 0.3 s of these motions
