@@ -150,8 +150,8 @@ def test_derivatives_of_a_step_by_every_kind_of_parameter(rng):
     chain = random_space_chain(rng, 2, twist=True)
     chain = chain._replace(body=chain.body._replace(spin=rng.normal(size=(2, 3))))
     given = {"x": chain.x, "v": chain.v, **chain.body._asdict(), **chain.joints._asdict()}
-    left_out = ("unloaded", "base_angle", "share", "beyond", "lever", "chord", "tendon_stiffness", "pretension", "friction",
-                "slip_rate", "entry_friction", "line", "tied")  # fmt: skip
+    left_out = ("unloaded", "base_angle", "share", "beyond", "lever", "chord", "tendon_stiffness", "pretension",
+                "friction", "slip_rate", "entry_friction", "line", "tied")  # fmt: skip
     given = {name: np.asarray(value) for name, value in given.items() if name not in left_out}
 
     def after(z, name, direction):
