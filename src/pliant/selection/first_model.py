@@ -26,9 +26,10 @@ from pliant.simulation.state import equilibrium, modal
 Array = np.ndarray
 Entry = Parameter | str
 OVER_DAMPED = 2.0  # angular frequency of the first mode times the time constant, at least: the body is over-damped
-QUASI_STATIC = 10.0  # the same, from which on no recording shows the inertia
-FAR = 0.1  # that stiffness over the one that a fit found, at most: the fit ran along its valley
-STIFFER, NEARLY = 10.0, 1.2  # factor on a stiffness that follows worse; cost over that of the fit, at most
+QUASI_STATIC = 10.0  # angular frequency of the first mode times the time constant, above which inertia hardly shows
+FAR = 0.1  # largest ratio of a softer stiffness to the fitted one for which the fit ran along a flat valley
+STIFFER = 10.0  # factor between the softer stiffnesses that are tried, from the least one on
+NEARLY = 1.2  # largest ratio of the cost with a softer stiffness to the cost of the fit
 MOST_DOUBLINGS = 60
 HARDLY = 0.2  # of the range of the input that moves most: an input that moves less hardly moves
 BESIDE = 0.1  # of the length: farther from the axis than a marker on a body lies
@@ -89,7 +90,7 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
     errors, value = parent.standard_errors, parent.values.get("stiffness", 0.0)
     fixed = {name: "held: no effect on these recordings" for name, error in errors.items() if error is None}
     error = errors.get("stiffness", 0.0)
-    hidden = error is None  # so far along the valley that rounding hides the others too
+    hidden = error is None  # far along a flat valley, rounding hides the effect of the other parameters too
     if hidden:
         fixed = {"stiffness": "held: the recordings show its ratio to torque and damping alone"}
     elif error is not None and error > DETERMINED * value:
@@ -106,9 +107,12 @@ def determined(parent: FittedModel, setting: FitSetting) -> FittedModel:
 
 
 def softer(parent: FittedModel, held: Callable[[Sequence[Parameter]], FittedModel]) -> FittedModel | None:
-    """Return the fit with a `held` stiffness that is far below the one in which a fit ended in a flat valley, up to
-    stiffnesses that no body has: the least one with which inertia hardly shows and the recordings are followed nearly
-    as well; None if there is none. Damping and torques begin in the same ratios to it.
+    """Return a fit like `parent` with a much softer stiffness, which is held; None if none follows the recordings
+    nearly as well.
+
+    Where recordings show only the ratios of stiffness, damping and torque, a fit may end at any stiffness, also at one
+    that no body has. The softest stiffness at which inertia hardly shows is tried first, then stiffer ones. Damping and
+    torque begin in the ratios of the parent. `held` fits parameters with the stiffness held.
     """
     stiffness, damping = (parent.values.get(name, 0.0) for name in ("stiffness", "damping"))
     if stiffness <= 0 or damping <= 0:

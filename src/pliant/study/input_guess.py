@@ -189,7 +189,8 @@ def grouped(known: Mapping[int, tuple[str, str]]) -> dict[tuple[str, str], list[
     """Return the columns that are inputs by their kind and unit."""
     kinds: dict[tuple[str, str], list[int]] = {}
     for k, kind in known.items():
-        kinds.setdefault(kind, []).append(k) if kind[0] else None
+        if kind[0]:
+            kinds.setdefault(kind, []).append(k)
     return kinds
 
 

@@ -127,8 +127,8 @@ def run_study(
 
 
 def fit_warnings(study: Study, fits: Sequence[FitOutcome], ready: PreparedStudy) -> tuple[str, ...]:
-    """Return warnings about implausible models, about terms of fits that their recordings do not determine, and about
-    links that a recording determines which no fit may see.
+    """Return warnings about links from a held-out recording, about implausible models, and about terms of fits that
+    their recordings do not determine.
     """
     stated = [(f.title, f.result, [ready.experiments[r] for r in study.fits[f.name].train])
               for f in fits if f.name in study.fits]  # fmt: skip
