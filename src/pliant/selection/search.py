@@ -17,6 +17,7 @@ from pliant.selection.criterion import (
     at_bounds,
     by_percent,
     cost_without,
+    undetermined,
 )
 from pliant.selection.fitted import (
     FittedModel,
@@ -56,8 +57,9 @@ class Search(RunningSearch):
             self.notify("interrupted: the best model so far is fitted and judged; press Ctrl-C again to stop at once")
         result = self.final_fit()
         names = tuple(term.name for term in self.chosen)
-        return ModelSelection(tuple(self.steps), names, self.reason(stop), result, clock.monotonic() - self.began,
-                              stop == NO_BETTER, rivals_among(self.others, self.score, self.best, self.setting.loss))
+        rivals = rivals_among(self.others, self.score, self.best, self.setting.loss)
+        return ModelSelection(tuple(self.steps), names, self.reason(stop, result), result,
+                              clock.monotonic() - self.began, stop == NO_BETTER, rivals)
 
     def add_term(self) -> str:
         """Add the best term to the model. Return why the search ends, or '' if a term was added.
@@ -245,11 +247,15 @@ class Search(RunningSearch):
         failure = "stopped at the time limit before it converged: raise minutes" if late else ""
         return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began, failure)
 
-    def reason(self, stop: str) -> str:
-        """Return a sentence on the model that was chosen and why the search ended."""
+    def reason(self, stop: str, result: FitResult) -> str:
+        """Return a sentence on the model that was chosen, why the search ended, and what the model needs although the
+        standard errors of its last fit, `result`, do not determine it.
+        """
         names = ", ".join(t.title for t in self.chosen) or "no further term"
         first, last = self.steps[0].left_out_percent, self.steps[-1].left_out_percent
-        vague = {n: v for t in self.chosen for n, v in self.vague(t).items()}
-        stop += "".join(f"; not determined, but needed: {n} ({v})" for n, v in vague.items())
+        errors = {p.name: p.std for p in result.parameters if p.free and not p.prior_std}
+        vague = {n: v for t in self.chosen for n, v in undetermined(result.values, errors, t).items()}
+        if vague:
+            stop += "; needed, although not determined: " + ", ".join(f"{n} ({v})" for n, v in vague.items())
         return (f"{names}: left-out parts of the training recordings are predicted with {last:.3g} % of the peak "
                 f"displacement ({first:.3g} % without these terms); {stop}")

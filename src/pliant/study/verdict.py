@@ -12,7 +12,7 @@ from pliant.model.summary import PLACEMENT, bending_stiffness, joint_placement
 from pliant.study.schema import Targets
 from pliant.validation.baseline import better_sentence, plain_map_sentence
 from pliant.validation.outcome import FitOutcome, Forecast, Headline, RecordOutcome, StudyOutcome
-from pliant.validation.wording import NO_PLACES, metric_label, sized
+from pliant.validation.wording import NO_PLACES, metric_label, sized, span
 
 NOT_DETERMINED = (
     "Angles do not determine the mass (which sets the scale of stiffness, damping and torque), the distribution of the "
@@ -280,12 +280,11 @@ def sentence(model: str, shown: Sequence[RecordOutcome], *, held: bool) -> str:
     """
     share = sorted(r.metrics["rmse_percent_of_travel"] for r in shown)
     error, (_, unit) = sorted(sized(r.metrics, "rmse")[0] for r in shown), sized(shown[0].metrics, "rmse")
-    many = len(shown) > 1
     verb, role = ("predicts", "held-out") if held else ("fits", "training")
-    which = f"{len(shown)} {role} records" if many else f"the {role} record {shown[0].name}"
-    to = f"{share[0]:.1f} to {share[-1]:.1f}" if many else f"{share[0]:.1f}"
-    size = f"{error[0]:.2g} to {error[-1]:.2g}" if many else f"{error[0]:.2g}"
-    return f"{model} {verb} {which} with an RMS error of {to} % of the peak displacement ({size} {unit})."
+    which = f"{len(shown)} {role} records" if len(shown) > 1 else f"the {role} record {shown[0].name}"
+    percent = span(share[0], share[-1], ".1f")
+    return (f"{model} {verb} {which} with an RMS error of {percent} % of the peak displacement "
+            f"({span(error[0], error[-1])} {unit}).")
 
 
 def target_sentence(verdicts: Sequence[str]) -> str:

@@ -16,7 +16,7 @@ from pliant.validation.map_inputs import InputTable
 from pliant.validation.metrics import compare
 from pliant.validation.outcome import Baseline, FitOutcome, RecordOutcome
 from pliant.validation.plain_map import PlainMap, basis_of, forgetting_time
-from pliant.validation.wording import sized
+from pliant.validation.wording import sized, span
 
 Array = np.ndarray
 MOST_NAMED = 3  # recordings that a sentence lists
@@ -243,9 +243,3 @@ def error_range(metrics: Sequence[Mapping[str, Any]]) -> tuple[float, float, str
     """Return the smallest and the largest RMS error of recordings, and its unit."""
     errors = [sized(dict(m), "rmse")[0] for m in metrics]
     return min(errors), max(errors), sized(dict(metrics[0]), "rmse")[1]
-
-
-def span(low: float, high: float) -> str:
-    """Return a range of errors as text, or one number if both ends are the same."""
-    first, last = f"{low:.2g}", f"{high:.2g}"
-    return first if first == last else f"{first} to {last}"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.plotting import curvature_fan, error_by_order, new_figure, order_bars, side_by_side, snapshots
+from pliant.plotting import curvature_fan, decades, error_by_order, new_figure, order_bars, side_by_side, snapshots
 from pliant.reduction import spline_shape
 from pliant.selection import ModelSelection
 from pliant.validation.curves import instants
@@ -87,20 +88,32 @@ def selection_figure(selection: ModelSelection, plain_map: float | None = None) 
         free = [len(s.free) for s in steps]
         ax.plot(free, [s.train_percent for s in steps], color="0.6", marker="o", markersize=4, label="training")
         ax.plot(free, [s.left_out_percent for s in steps], color=DARK, marker="s", markersize=4, label="parts left out")
-        names = []
-        for k, step in enumerate(steps, 1):
-            ax.annotate(str(k), (len(step.free), max(step.train_percent, step.left_out_percent)), xytext=(5, 4),
-                        textcoords="offset points", fontsize=6.5)  # fmt: skip
-            names.append(f"{k}  {'+ ' if step.joins else ''}{clip(step.title, 60)}")
+        for numbers, place in numbered(free, [max(s.train_percent, s.left_out_percent) for s in steps]):
+            ax.annotate(numbers, place, xytext=(5, 4), textcoords="offset points", fontsize=6.5)
+        names = [f"{k}  {'+ ' if s.joins else ''}{clip(s.title, 60)}" for k, s in enumerate(steps, 1)]
         figure.supxlabel("\n".join(names), x=0.02, ha="left", fontsize=6.5)
         ax.plot(free[-1], steps[-1].left_out_percent, color=DARK, marker="s", markersize=8, fillstyle="none",
                 linestyle="", label="chosen")
         if plain_map is not None:
             ax.axhline(plain_map, color="black", linestyle=":", linewidth=1.0, label="plain map, left out")
+        decades(ax)
         ax.margins(y=0.12)
-        ax.set(xlabel="free parameters", ylabel="error (% of peak displacement)", yscale="log",
+        ax.set(xlabel="free parameters", ylabel="error (% of peak displacement)",
                xlim=(min(free) - 0.5, max(free) + 0.5 + 0.06 * (max(free) - min(free))))
-        ax.yaxis.set_major_formatter("{x:g}")
-        ax.yaxis.set_minor_formatter("{x:g}")
         ax.legend()
     return figure
+
+
+def numbered(free: Sequence[int], error: Sequence[float]) -> list[tuple[str, tuple[int, float]]]:
+    """Return the numbers of steps with `free` parameters and an `error` [%], and where they stand: those of places that
+    would cover each other, in one text.
+    """
+    texts: list[tuple[list[int], tuple[int, float]]] = []
+    for k, place in enumerate(zip(free, error, strict=True), 1):
+        beside = (numbers for numbers, (count, size) in texts
+                  if count == place[0] and size / 1.25 < place[1] < size * 1.25)
+        if (numbers := next(beside, None)) is None:
+            texts.append(([k], place))
+        else:
+            numbers.append(k)
+    return [(", ".join(map(str, numbers)), place) for numbers, place in texts]

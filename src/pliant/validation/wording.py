@@ -59,6 +59,12 @@ def sized(metrics: dict[str, Any], name: str) -> tuple[Any, str]:
     return (metrics[f"{name}_deg"], "°") if f"{name}_deg" in metrics else (metrics.get(f"{name}_mm"), "mm")
 
 
+def span(low: float, high: float, digits: str = ".2g") -> str:
+    """Return a range as text, or one number if both ends read alike."""
+    first, last = f"{low:{digits}}", f"{high:{digits}}"
+    return first if first == last else f"{first} to {last}"
+
+
 def metric_label(key: str) -> tuple[str, str]:
     """Split the name of a metric into words and unit: "frequency_hz" gives ("frequency", "Hz")."""
     words, unit = quantity(key)
