@@ -199,6 +199,7 @@ def test_small_texts():
     assert bounds(Parameter("base_x", upper=1.0)) == "≤ 1"
     assert bounds(Parameter("base_angle")) == "−1 to 1"
     assert interval(Parameter("stiffness", 2.0, std=0.1)) == "1.804 to 2.196"
+    assert interval(Parameter("stiffness", 2.0, lower=1.9, std=0.1)) == "1.900 to 2.196"
     assert interval(Parameter("stiffness", 2.0)) == "–"
 
 

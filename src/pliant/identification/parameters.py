@@ -17,6 +17,7 @@ from pliant.model import Model, Station
 from pliant.model.parts import BODY, STATION
 from pliant.model.quantity import Quantity, quantities
 
+WIDE = 1.959964  # standard errors to each side of a 95 % interval
 MOSTLY_PRIOR = 0.7  # of the prior's standard deviation left after a fit: half of the information is the prior's
 
 
@@ -104,6 +105,13 @@ class Parameter:
     def with_(self, **changes: Any) -> Parameter:
         """Return a copy of the parameter in which the given attributes are replaced."""
         return replace(self, **changes)
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Return the part of the 95 % interval (SI) that lies within the bounds; None without a standard error."""
+        if self.value is None or self.std is None:
+            return None
+        return max(self.value - WIDE * self.std, self.lower), min(self.value + WIDE * self.std, self.upper)
 
     @property
     def narrowed(self) -> float | None:

@@ -25,7 +25,6 @@ Array = np.ndarray
 SHORTEST = 1e-4  # s, shortest step, since the page cannot show more
 TINY = 1e-9  # s, rounding tolerance when frame times are summed to steps
 LATEST = 0.1  # s, longest motion that one frame of the page makes up for
-WIDE = 1.959964  # standard errors to each side of a 95 % interval
 FACTORS = (0.5, 2.0)  # range of stiffness and damping for a model without confidence intervals
 PULL = 1.5  # stiffness of the spring between hand and body, in units of joint stiffness / (n length^2)
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -82,10 +81,10 @@ def sliders_of(model: Model, parameters: tuple[Any, ...] = ()) -> tuple[Slider, 
     """Return a slider for each fitted parameter that has a 95 % interval, with this interval as its range. If there is
     none, return sliders for factors on stiffness and damping.
     """
-    known = [p for p in parameters if p.free and p.std and p.value is not None and moves(model, p.name, p.value)]
+    known = tuple(Slider(p.name, p.value, p.interval[0], p.interval[1], p.unit) for p in parameters
+                  if p.free and p.std and p.value is not None and p.interval and moves(model, p.name, p.value))
     if known:
-        return tuple(Slider(p.name, p.value, max(p.value - WIDE * p.std, p.lower), min(p.value + WIDE * p.std, p.upper),
-                            p.unit) for p in known)
+        return known
     return tuple(Slider(f"{name} x", 1.0, *FACTORS, "") for name in ("stiffness", "damping"))
 
 

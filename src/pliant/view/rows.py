@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.errors import InputError, PliantError
 from pliant.failures import NotComputed
-from pliant.identification.parameters import Parameter, kind_of
+from pliant.identification.parameters import WIDE, Parameter, kind_of
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.model.summary import PLACEMENT, bending_stiffness, joint_placement
@@ -21,7 +21,6 @@ from pliant.validation.baseline import better_sentence
 from pliant.validation.outcome import Baseline, FitOutcome, RecordOutcome, Shape, StudyOutcome
 from pliant.validation.wording import digits, sized
 
-WIDE = 1.959964  # standard errors to each side of a 95 % interval
 TIED = 0.95  # correlation of errors above which two parameters are reported as a pair
 PAIRS = ("frequency_hz", "damping_ratio", "overshoot_percent", "steady_state_mm")
 DETAILS = ("frequency_large_hz", "damping_ratio_large", "frequency_small_hz", "damping_ratio_small")
@@ -163,9 +162,7 @@ def parameter_row(p: Parameter) -> dict[str, str]:
 
 def interval(p: Parameter) -> str:
     """Return the 95 % interval of a parameter as text; a dash if it has none."""
-    if p.std is None or p.value is None:
-        return digits(None)
-    return " to ".join(digits(p.value + side * WIDE * p.std, 4) for side in (-1, 1))
+    return " to ".join(digits(end, 4) for end in p.interval) if p.interval else digits(None)
 
 
 def correlation_rows(result: FitResult) -> dict[str, Any] | None:
@@ -188,10 +185,9 @@ def not_shown(result: FitResult) -> list[str]:
     """Return sentences on what the recordings do not determine about a fit's parameters."""
     free = [p for p in result.parameters if p.free]
     said = [f"{p.name}: the data do not determine it." for p in free if p.std is None]
-    said += [
-        f"{p.name}: its 95 % interval, {interval(p)}, contains zero." for p in free
-        if p.std is not None and p.value is not None and abs(p.value) < WIDE * p.std
-    ]
+    for p in (p for p in free if p.value is not None and p.std is not None and abs(p.value) < WIDE * p.std):
+        end = "contains zero" if p.lower <= 0.0 <= p.upper else "begins or ends at its bound"
+        said.append(f"{p.name}: its 95 % interval, {interval(p)}, {end}.")
     covariance = result.covariance
     if covariance is not None:
         visible = [i for i, hidden in enumerate(covariance.hidden) if not hidden]

@@ -31,7 +31,7 @@ PARTS, MOVES = 8, 40  # parts in which the inputs of `rest` grow, and moves of N
 
 
 class BodyState(NamedTuple):
-    """BodyState of the actuator. All entries are arrays of the precision of the parameters."""
+    """Coordinates, rates and inner states of the actuator, in arrays of the precision of the parameters."""
 
     position: jnp.ndarray  # (N,) coordinates: rad, strains 1
     velocity: jnp.ndarray  # (N,) their rates, 1/s
