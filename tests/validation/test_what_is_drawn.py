@@ -161,6 +161,13 @@ def test_a_model_selection_shows_the_errors_of_each_model_and_the_choice():
     assert line.get_linestyle() == ":"
 
 
+def test_numbers_of_models_that_lie_on_each_other_share_a_place():
+    errors = (("", 10.0), ("creep", 4.0), ("lag", 3.9), ("clock", 2.0))
+    steps = tuple(SelectionStep(n, n, ("a", "b"), 0.1, {"x": error}, {"x": error}) for n, error in errors)
+    (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0)).axes
+    assert [t.get_text() for t in ax.texts] == ["1", "2, 3", "4"]
+
+
 def test_the_error_of_the_plain_map_is_scaled_to_left_out_parts():
     plain = SimpleNamespace(left_out_error=3.0, training_error=2.0, records={
         name: {"rmse_percent_of_travel": error} for name, error in (("a", 4.0), ("b", 6.0), ("c", 99.0))

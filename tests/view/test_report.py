@@ -14,7 +14,7 @@ from pliant.validation.metrics import DEFINITIONS
 from pliant.validation.wording import metric_label
 from pliant.view import write_report
 from pliant.view.report import report_page
-from pliant.view.rows import bounds, interval, model_facts
+from pliant.view.rows import bounds, interval, model_facts, not_shown
 
 VOID = {"meta", "img", "br", "link", "hr", "input"}
 
@@ -201,6 +201,16 @@ def test_small_texts():
     assert interval(Parameter("stiffness", 2.0, std=0.1)) == "1.804 to 2.196"
     assert interval(Parameter("stiffness", 2.0, lower=1.9, std=0.1)) == "1.900 to 2.196"
     assert interval(Parameter("stiffness", 2.0)) == "–"
+
+
+def test_doubt_that_reaches_zero_or_a_bound_is_told(outcome):
+    result = outcome.fits[0].result
+    vague = (Parameter("stiffening", 0.3, std=0.3), Parameter("creep_time_1", 0.6, std=0.49))
+    lines = not_shown(replace(result, parameters=vague, covariance=None))
+    assert [line.split(":")[0] for line in lines] == ["stiffening", "creep_time_1"]
+    assert "contains zero" in lines[0]
+    assert "0.001000 to 1.560, is cut off" in lines[1]
+    assert not_shown(replace(result, parameters=(Parameter("stiffening", -0.6, std=0.1),), covariance=None)) == []
 
 
 def test_every_held_out_prediction_has_its_row(source, outcome):

@@ -186,7 +186,7 @@ def not_shown(result: FitResult) -> list[str]:
     free = [p for p in result.parameters if p.free]
     said = [f"{p.name}: the data do not determine it." for p in free if p.std is None]
     for p in (p for p in free if p.value is not None and p.std is not None and abs(p.value) < WIDE * p.std):
-        end = "contains zero" if p.lower <= 0.0 <= p.upper else "begins or ends at its bound"
+        end = "contains zero" if p.lower <= 0.0 <= p.upper else "is cut off by a bound"
         said.append(f"{p.name}: its 95 % interval, {interval(p)}, {end}.")
     covariance = result.covariance
     if covariance is not None:
