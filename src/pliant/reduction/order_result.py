@@ -5,15 +5,12 @@ the reason.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.shapes import Float
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Array = np.ndarray
 FEW_STATIONS = 3  # inside a segment; with fewer, the largest error at the stations may be 20 % too low
@@ -135,22 +132,6 @@ class OrderResult(Shown):
             "frames": self.frames,
             "stations": self.stations,
         }
-
-    def to_xarray(self) -> xr.Dataset:
-        """Return the errors of every number of links over time as an `xarray.Dataset` with units."""
-        import xarray as xr
-
-        about = {"max_error": (self.max_error, "largest"), "mean_error": (self.mean_error, "mean")}
-        data = {
-            name: (("order", "time"), values, {"units": "m", "long_name": f"{word} error over the stations"})
-            for name, (values, word) in about.items()
-        }
-        coords = {
-            "order": ("order", list(self.orders), {"units": "1", "long_name": "number of segments"}),
-            "time": ("time", self.time, {"units": "s", "long_name": "time on the clock of the shape"}),
-        }
-        attrs = {"boundary": self.boundary, "placement": self.placement, "metric": self.metric}
-        return xr.Dataset(data, coords, attrs | {"reason": self.reason, "notes": "\n".join(self.notes)})
 
     def summary(self) -> str:
         """Return the chosen number of links, the settings of the selection and the data used, as sentences."""
