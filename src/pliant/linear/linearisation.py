@@ -301,11 +301,3 @@ def frequency_response(A: Array, B: Array, c: Array, omega: Array) -> Array:
     omega = np.atleast_1d(np.asarray(omega, dtype=float))
     eye = np.eye(A.shape[0])
     return np.array([c @ np.linalg.solve(1j * w * eye - A, B.astype(complex)) for w in omega])
-
-
-def frequency_and_damping(root: complex) -> tuple[float, float]:
-    """Return the frequency [Hz] and damping ratio of a pole or zero [1/s].
-    The ratio is negative in the right half-plane.
-    """
-    size = abs(root)
-    return size / (2 * np.pi), float(-np.real(root) / size) if size else 1.0
