@@ -96,11 +96,6 @@ def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
     are left out.
     """
     content = fit.to_dict() if isinstance(fit, FitResult) else first_fit(fit)
-    if "covariance" not in content:
-        raise InputError(
-            f"{fit} was written by an older version of pliant and has no covariance: run the study again with this "
-            "version"
-        )
     if content.get("covariance") is None:
         raise InputError("models are drawn from a fit's covariance, and this fit has none: fit at least one parameter")
     try:
