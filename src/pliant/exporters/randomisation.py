@@ -16,7 +16,6 @@ from pliant.model import Model
 from pliant.model.file import model_of
 from pliant.simulation import state
 
-Array = np.ndarray
 Fit = FitResult | str | Path | Mapping[str, float]
 FIELDS = ("stiffness", "damping", "link_mass", "tip_mass", "rest_angle")
 TRIES = 50  # consecutive draws without a valid model, after which drawing fails
