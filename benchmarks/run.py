@@ -73,7 +73,6 @@ MEANING = {
     "realtime_missed_by_the_system": "of those, steps that began late: the system gave the process no time",
     "realtime_steps": "how many", "realtime_late_p999_us": "99.9 % of the steps began no later than this",
     "realtime_seconds": "how long", "realtime_period_ms": "between two steps",
-    "realtime_bytes_left": "memory that 20 000 steps keep",
 }
 
 

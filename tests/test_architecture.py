@@ -36,7 +36,7 @@ DOORS = {  # functions of more than eight parameters, and why
     "cli/shape.py::shape": "typer makes each option of a command from a parameter",
     "cli/simulate.py::simulate": "typer makes each option of a command from a parameter",
 }
-PLOTS = {"plotting.py", "validation/figures.py", "validation/motion.py"}
+PLOTS = {"plotting.py", "validation/figures.py", "validation/use_figures.py"}
 
 
 @cache

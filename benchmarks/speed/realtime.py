@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import time
-import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -23,13 +22,12 @@ def realtime(seconds: float = 10.0, period: float = 1e-3) -> dict[str, Any]:
 
     Returned are the median, 99.9 % and worst time of a step [us]; missed deadlines: steps that were not done when the
     next was due; how many of them had begun late because the system gave the process no time; deadlines that the same
-    loop misses with no step in it, in turns with the steps; bytes that 20,000 steps leave behind.
+    loop misses with no step in it, in turns with the steps.
     """
     count = round(seconds / period) if np.isfinite(seconds) and seconds > 0 else 0
     if count < 10:
         raise InputError(f"a real-time run needs at least ten steps, got {seconds} s in steps of {period} s")
     stepper = Stepper(chen2018.model(), period)
-    left = left_behind(stepper)
     pressures = 6e4 * (1.0 - np.cos(2 * np.pi * 0.5 * period * np.arange(count)))
     due = round(period * 1e9)
     turns = [
@@ -44,27 +42,8 @@ def realtime(seconds: float = 10.0, period: float = 1e-3) -> dict[str, Any]:
         "realtime_missed_by_an_empty_loop": int((empty.sum(axis=0) > due).sum()),
         "realtime_missed_by_the_system": int((missed & (late > due // 2)).sum()), "realtime_steps": count,
         "realtime_late_p999_us": 1e-3 * float(np.quantile(late, 0.999)), "realtime_seconds": seconds,
-        "realtime_period_ms": 1e3 * period, "realtime_bytes_left": left,
+        "realtime_period_ms": 1e3 * period,
     }
-
-
-def left_behind(stepper: Stepper, count: int = 20_000) -> int:
-    """Return the bytes that `count` steps allocate and keep, after as many steps that fill Python's free lists."""
-    step, pressures = stepper.step, [1e4] * count
-    gc.collect()
-    gc.disable()
-    tracemalloc.start()
-    try:
-        for p in pressures:
-            step(p)
-        before = tracemalloc.get_traced_memory()[0]
-        for p in pressures:
-            step(p)
-        return tracemalloc.get_traced_memory()[0] - before
-    finally:
-        tracemalloc.stop()
-        gc.enable()
-        stepper.reset()
 
 
 def run_clock(stepper: Stepper | None, pressures: list[float], period: int) -> Array:

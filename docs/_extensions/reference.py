@@ -196,10 +196,10 @@ def task_file() -> str:
 
 def metrics() -> str:
     """Every metric with its formula."""
-    from pliant.validation.metrics import DEFINITIONS, FORMULAS
+    from pliant.validation.metrics import METRICS
 
-    return "\n\n".join(f"`{name}`\n: {words}\n\n  {'$' + FORMULAS[name] + '$' if name in FORMULAS else 'A count.'}"
-                       for name, words in DEFINITIONS.items())
+    return "\n\n".join(f"`{name}`\n: {metric.meaning}\n\n  {f'${metric.formula}$' if metric.formula else 'A count.'}"
+                       for name, metric in METRICS.items())
 
 
 def parameters() -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pliant
 from pliant.actuators import chen2018
 from pliant.plotting import save_figure
-from pliant.validation.motion import motion_figure
+from pliant.validation.use_figures import motion_figure
 
 
 def main(path: Path) -> None:

@@ -87,7 +87,6 @@ def test_real_time_keeps_count_and_leaves_the_collector_on():
     assert gc.isenabled()
     assert set(found) <= set(MEANING)
     assert found["realtime_steps"] == 200
-    assert abs(found["realtime_bytes_left"]) < 20_000  # of as many steps: not one byte each
     assert 0 < found["realtime_median_us"] <= found["realtime_p999_us"] <= found["realtime_worst_us"]
     assert 0 <= found["realtime_missed_by_the_system"] <= found["realtime_missed"] <= 200
     assert 0 <= found["realtime_missed_by_an_empty_loop"] <= 200

@@ -19,7 +19,7 @@ from pliant.model import Model, Space, Station, Tendon, Valve, chain_model, save
 from pliant.recording import make_recording, write
 from pliant.simulation import Pulse, Trace, simulate
 from pliant.simulation.forces import PointForce
-from pliant.validation.motion import motion_figure
+from pliant.validation.use_figures import motion_figure
 
 CLOCK = np.linspace(0.0, 0.4, 41)
 DRAWN = np.stack([3e-3 * np.sin(4.0 * CLOCK) ** 2, 0.15 * CLOCK / 0.4], axis=1)  # m, rad

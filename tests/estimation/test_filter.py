@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from oracles.estimates import nees
 
 from pliant.compiler.choose import twin
 from pliant.compiler.trace import planar_workspace
@@ -13,7 +14,7 @@ from pliant.contact.residual import static_residual
 from pliant.equations.motion import step
 from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, rows_of
-from pliant.estimation.offline import mean_bounds, nees, whiteness
+from pliant.estimation.offline import mean_bounds, whiteness
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracles.estimates import nees
 
 from pliant.equations.observation import ALONG_X, ALONG_Y, ANGLE, JOINT
 from pliant.errors import InputError
@@ -11,7 +12,7 @@ from pliant.estimation import KalmanFilter, Noise
 from pliant.estimation.link_angles import LinkTips, with_rest_shape
 from pliant.estimation.measurement import measurement_of, rows_of
 from pliant.estimation.noise import default_noise
-from pliant.estimation.offline import averaged, mean_bounds, nees, whiteness
+from pliant.estimation.offline import averaged, mean_bounds, whiteness
 from pliant.model import Chamber, Station, chain_model
 from pliant.recording import make_recording
 from pliant.simulation import equilibrium

@@ -11,6 +11,7 @@ import pytest
 import typer
 import xarray as xr
 from oracles.derivatives import plain_slopes
+from oracles.estimates import nees
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -23,7 +24,7 @@ from pliant.errors import InputError
 from pliant.estimation import KalmanFilter, Noise, estimate, kalman_loops, rows_of
 from pliant.estimation.measurement import measurement_of
 from pliant.estimation.noise import scales
-from pliant.estimation.offline import chain_of, mean_bounds, nees
+from pliant.estimation.offline import chain_of, mean_bounds
 from pliant.estimation.symbols import FilterNoise, FilterState, make_workspace
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Space, Station, chain_model, save_model

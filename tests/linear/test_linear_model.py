@@ -10,11 +10,15 @@ import pytest
 from pliant.equations import extension
 from pliant.errors import InputError
 from pliant.linear import linearise
-from pliant.linear.linearisation import frequency_and_damping
 from pliant.linear.sampled import hold, sample
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Extension, Memory, Valve, chain_model
 from pliant.simulation import Stepper, equilibrium, modes
+
+
+def frequency_and_damping(root: complex) -> tuple[float, float]:
+    """Return the frequency [Hz] and damping ratio of a pole or zero [1/s]."""
+    return abs(root) / (2 * np.pi), -root.real / abs(root)
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from test_loop_faults import PERIOD, Bench
 
 from pliant.errors import InputError
 from pliant.loop import LoopLog, SystemClock, UdpSink, UdpSource, ValveReceiver, VirtualClock, read_log, sample
-from pliant.loop.sample import HEAD, OLD_HEAD, pack, unpack
+from pliant.loop.sample import HEAD, pack, unpack
 
 NS = round(PERIOD * 1e9)
 
@@ -156,10 +156,9 @@ def test_bounds_that_are_none():
 
 @pytest.mark.parametrize("dimensions", [9, 64, 65, 255])
 def test_packets_of_many_dimensions_are_rejected(dimensions):
-    for head, magic, more in ((HEAD, b"PLN2", (0,)), (OLD_HEAD, b"PLN1", ())):
-        data = head.pack(magic, 1, *more, 0, 0, dimensions) + b"\x01\0\0\0" * dimensions + bytes(8)
-        with pytest.raises(InputError, match="is not a sample"):
-            unpack(data)
+    data = HEAD.pack(b"PLN2", 1, 0, 0, 0, dimensions) + b"\x01\0\0\0" * dimensions + bytes(8)
+    with pytest.raises(InputError, match="is not a sample"):
+        unpack(data)
 
 
 def test_no_packet_at_all_raises_anything_else():
@@ -178,11 +177,11 @@ def test_no_packet_at_all_raises_anything_else():
     assert refused > 5000
 
 
-def test_a_packet_says_how_long_it_holds_and_old_ones_are_read():
+def test_a_packet_says_how_long_it_holds():
     assert unpack(pack(sample("command", 3e4, 5, hold=0.02))).hold == pytest.approx(0.02)
-    old = OLD_HEAD.pack(b"PLN1", 5, 1, 0, 1) + b"x" + b"\x01\0\0\0" + np.array([2.0]).tobytes()
-    assert unpack(old).hold == 0.0
-    assert unpack(old).array.tolist() == [2.0]
+    without = HEAD.pack(b"PLN2", 5, 0, 1, 0, 1) + b"x" + b"\x01\0\0\0" + np.array([2.0]).tobytes()
+    assert unpack(without).hold == 0.0
+    assert unpack(without).array.tolist() == [2.0]
     with pytest.raises(InputError, match="hold time of a sample must be"):
         pack(sample("command", 1.0, 5, hold=-1.0))
 

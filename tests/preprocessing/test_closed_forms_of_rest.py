@@ -7,7 +7,6 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.preprocessing.quality import quality
-from pliant.preprocessing.resample import resample_arc_length
 from pliant.preprocessing.rest import (
     _away,
     _precedes_motion,
@@ -121,21 +120,6 @@ def test_the_first_input_that_leaves_its_start_ends_the_wait():
         assert clock_finding(ds) == []
     alone = make_recording(time, place, frame="planar", pressure=never, pressure_time=0.5 + time)
     assert before_inputs(alone) == (0.0, pytest.approx(0.49))
-
-
-def test_four_stations_of_a_frame_carry_a_cubic_and_three_do_not():
-    s = np.arange(9) / 64
-    place = np.zeros((3, 9, 2))
-    place[..., 0], place[..., 1] = 64 * s**3, s
-    place[1, 4:, 1] = np.nan
-    place[2, 3:] = np.nan
-    ds = make_recording(np.arange(3.0), place, frame="planar", arc_length=s)
-    made = resample_arc_length(ds, spacing_mm=1000 / 128)["position"].values
-    new = np.arange(17) / 128
-    np.testing.assert_allclose(made[0, :, 0], 64 * new**3, atol=1e-12)
-    np.testing.assert_allclose(made[1, :7, 0], 64 * new[:7] ** 3, atol=1e-12)
-    assert np.isnan(made[1, 7:]).all()
-    assert np.isnan(made[2]).all()
 
 
 def test_the_share_out_of_the_plane_needs_four_places():

@@ -1,4 +1,4 @@
-"""New samples, repairs and quality of recordings at their limits and with places that are known in part."""
+"""Repairs and quality of recordings at their limits and with places that are known in part."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pliant.errors import InputError
 from pliant.preprocessing.quality import Quality, _clock, quality, standing_stations
-from pliant.preprocessing.repair import fill_gaps, undo_orientation_jumps
-from pliant.preprocessing.resample import pressure_on_shape_clock, resample_arc_length, resample_time
+from pliant.preprocessing.repair import undo_orientation_jumps
 from pliant.preprocessing.side import bending_sign, planar_side
 from pliant.recording import make_recording
 
@@ -20,91 +18,6 @@ def ramp(frames=9, stations=1):
     """Places (T, S, 3) that are linear in time, by another rate for each coordinate."""
     k = np.arange(frames, dtype=float)[:, None, None]
     return k * np.array([1.0, 2.0, 4.0]) + np.arange(stations)[:, None] * np.array([0.0, 16.0, 0.0])
-
-
-@pytest.mark.parametrize("longest", [0.25, 0.249])
-def test_samples_over_a_lost_frame_are_bridged_up_to_the_longest_gap(longest):
-    place = ramp()
-    place[2, 0, 1] = np.nan  # a frame without one coordinate is lost
-    place[6:8, 0] = np.nan  # two frames: a gap of 0.375 s
-    ds = make_recording(EIGHTHS, place)
-    made = resample_time(ds, rate_hz=8.0, longest_gap_s=longest)
-    np.testing.assert_array_equal(made["time"], EIGHTHS)
-    lost = [6, 7] if longest == 0.25 else [2, 6, 7]
-    assert np.flatnonzero(np.isnan(made["position"].values[:, 0]).all(-1)).tolist() == lost
-    np.testing.assert_allclose(np.delete(made["position"].values, lost, axis=0), np.delete(ramp(), lost, axis=0))
-    assert f"resampled from 9 to 9 frames, gaps up to {longest:g} s bridged, {len(lost)} points missing" in (
-        made.attrs["history"]
-    )
-    twice = resample_time(ds, rate_hz=16.0, longest_gap_s=longest)
-    assert twice.sizes["time"] == 17
-    rows = [11, 12, 13, 14, 15] if longest == 0.25 else [3, 4, 5, 11, 12, 13, 14, 15]
-    assert np.flatnonzero(np.isnan(twice["position"].values[:, 0, 0])).tolist() == rows
-
-
-@pytest.mark.parametrize(("longest", "filled"), [(0.25, 1), (0.249, 0), (0.375, 3)])
-def test_gaps_are_filled_up_to_the_longest_and_the_rest_is_counted(longest, filled):
-    place = ramp(stations=3)
-    place[2, 0, 1] = np.nan
-    place[6:8, 0] = np.nan
-    place[:, 1] = np.nan
-    place[4, 1] = 3.0  # seen once: nothing to draw a line to
-    made = fill_gaps(make_recording(EIGHTHS, place), longest_s=longest)
-    found = made["position"].values
-    kept = {0: [2, 6, 7], 1: [6, 7], 3: []}[filled]
-    assert np.flatnonzero(np.isnan(found[:, 0]).any(-1)).tolist() == kept
-    np.testing.assert_allclose(np.delete(found[:, 0], kept, axis=0), np.delete(ramp()[:, 0], kept, axis=0))
-    assert np.isnan(found[:, 1]).any(-1).sum() == 8
-    np.testing.assert_array_equal(found[:, 2], ramp(stations=3)[:, 2])
-    line = f"filled {filled} drop-out(s) of at most {longest:g} s by linear interpolation, {len(kept) + 8} are left"
-    assert line in made.attrs["history"]
-    for wrong in (0.0, -1.0, np.nan):
-        with pytest.raises(InputError, match="a positive longest_s"):
-            fill_gaps(make_recording(EIGHTHS, place), longest_s=wrong)
-
-
-def test_pressures_of_some_chambers_may_be_missing():
-    pressure = np.stack([np.arange(9.0), 2 * np.arange(9.0)], axis=1)
-    pressure[4, 1] = np.nan
-    ds = make_recording(EIGHTHS, ramp(), pressure=pressure, pressure_time=EIGHTHS, chamber=["l", "r"])
-    made = pressure_on_shape_clock(ds)
-    np.testing.assert_array_equal(made["pressure"].values, pressure)
-    assert "9 samples to the times of the shape, 1 samples missing" in made.attrs["history"]
-    for part in (make_recording(EIGHTHS, ramp()), make_recording(pressure=np.arange(3.0), pressure_time=EIGHTHS[:3])):
-        with pytest.raises(InputError, match="needs a shape and a pressure, but the recording lacks one of them"):
-            pressure_on_shape_clock(part)
-
-
-def test_a_body_of_four_stations_is_sampled_and_one_without_a_whole_frame_is_not():
-    s = np.arange(4) / 64
-    place = np.zeros((3, 4, 2))
-    place[..., 1] = s
-    made = resample_arc_length(make_recording(np.arange(3.0), place, frame="planar"), spacing_mm=1000 / 128)
-    np.testing.assert_allclose(made["position"].values[0, :, 1], np.arange(7) / 128, atol=1e-12)
-    for wrong in (np.inf, 0.0, -1.0, np.nan):
-        with pytest.raises(InputError, match="spacing_mm must be positive and finite"):
-            resample_arc_length(make_recording(np.arange(3.0), place, frame="planar"), spacing_mm=wrong)
-    with pytest.raises(InputError, match="at least 4 stations"):
-        resample_arc_length(make_recording(np.arange(3.0), place[:, :3], frame="planar"), spacing_mm=1.0)
-    for k in range(3):
-        place[k, k, 0] = np.nan
-    with pytest.raises(InputError, match="no frame has all stations"):
-        resample_arc_length(make_recording(np.arange(3.0), place, frame="planar"), spacing_mm=1.0)
-
-
-@pytest.mark.parametrize(("gap_mm", "bridged"), [(31.25, True), (31.2, False), (None, True)])
-def test_a_lost_station_is_bridged_up_to_the_longest_gap(gap_mm, bridged):
-    """Stations 1/64 m apart; where one coordinate is missing the station is lost."""
-    place = np.zeros((2, 9, 2))
-    place[..., 1] = np.arange(9) / 64
-    place[..., 0] = place[..., 1] ** 3 * 64
-    exact = place.copy()
-    place[1, 3, 0] = np.nan
-    ds = make_recording(np.arange(2.0), place, frame="planar", arc_length=np.arange(9) / 64)
-    made = resample_arc_length(ds, spacing_mm=1000 / 64, longest_gap_mm=gap_mm)["position"].values
-    np.testing.assert_allclose(made[0], exact[0], atol=1e-12)
-    assert np.isfinite(made[1, 3]).all() == bridged
-    np.testing.assert_allclose(np.delete(made[1], 3, axis=0), np.delete(exact[1], 3, axis=0), atol=1e-12)
 
 
 def test_jumps_of_orientation_are_undone_around_lost_frames():

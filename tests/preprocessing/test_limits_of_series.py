@@ -23,8 +23,7 @@ from pliant.preprocessing.labels import (
     undo_swaps,
 )
 from pliant.preprocessing.pressure_clock import clock_sentences, pressure_clock
-from pliant.preprocessing.repair import fill_gaps, rotation_angle, undo_orientation_jumps
-from pliant.preprocessing.resample import pressure_on_shape_clock, resample_arc_length, resample_time
+from pliant.preprocessing.repair import rotation_angle, undo_orientation_jumps
 from pliant.preprocessing.rest import (
     _away,
     _precedes_motion,
@@ -359,88 +358,7 @@ def test_a_body_is_cut_at_its_ends():
     assert cut_body(ds, 0.03, 0.1 + 5e-10).sizes["station"] == 8
 
 
-def test_samples_along_the_body_are_bridged_over_one_lost_station():
-    s = np.array([0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.07])
-    place = np.zeros((4, 7, 2))
-    place[..., 0], place[..., 1] = s**3 * 100, s
-    place[1, 2] = np.nan
-    place[2, 2:4] = np.nan
-    place[3, [0, 2, 4, 6]] = np.nan  # too few are left
-    ds = make_recording(np.arange(4.0), place, frame="planar", arc_length=s)
-    made = resample_arc_length(ds, spacing_mm=5)
-    assert made.sizes["station"] == 15
-    np.testing.assert_allclose(made["arc_length"], 0.005 * np.arange(15), atol=1e-15)
-    for t in (0, 1, 2):
-        np.testing.assert_allclose(made["position"][t, :, 0], 100 * (0.005 * np.arange(15)) ** 3, atol=1e-12)
-    assert np.isnan(made["position"][3]).all()
-    short = resample_arc_length(ds, spacing_mm=5, longest_gap_mm=25)
-    gone = np.isnan(short["position"].values[..., 0])
-    assert gone[1].sum() == 0
-    assert np.flatnonzero(gone[2]).tolist() == [3, 4, 5, 6, 7]
-    assert (
-        "every 5 mm (arc length: as recorded), 0 mm left over at the tip, 20 points missing"
-        in (short.attrs["history"])
-    )
-    assert "4 mm left over at the tip" in resample_arc_length(ds, spacing_mm=6).attrs["history"]
-    with pytest.raises(InputError, match=r"the spacing of 71 mm is longer than the body, 70 mm"):
-        resample_arc_length(ds, spacing_mm=71)
-    assert resample_arc_length(ds, spacing_mm=70).sizes["station"] == 2
-    wide = resample_arc_length(ds, spacing_mm=5, longest_gap_mm=None)  # 2.5 times 20 mm
-    assert np.isfinite(wide["position"].values[2]).all()
-    even = np.linspace(0, 0.08, 9)
-    gap = np.zeros((2, 9, 2))
-    gap[..., 1] = even
-    gap[1, 3:5] = np.nan  # 30 mm, more than 2.5 times 10
-    made = resample_arc_length(make_recording(np.arange(2.0), gap, frame="planar", arc_length=even), spacing_mm=5)
-    assert np.isnan(made["position"].values[1]).any()
-
-
-def test_samples_in_time_carry_orientations_and_angles():
-    time = np.arange(6) / 10
-    half = np.radians(np.array([0.0, 10, 20, 30, 40, 50])) / 2
-    quaternion = np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], axis=1)[:, None]
-    quaternion[3:] *= -1
-    quaternion[5] = np.nan
-    ds = make_recording(time, np.zeros((6, 1, 3)) + time[:, None, None], quaternion=quaternion)
-    made = resample_time(ds, rate_hz=20, longest_gap_s=0.1000001)
-    assert made.sizes["time"] == 11
-    turned = 2 * np.arctan2(made["quaternion"].values[:9, 0, 2], made["quaternion"].values[:9, 0, 3])
-    np.testing.assert_allclose(np.degrees(np.unwrap(turned)), 5.0 * np.arange(9), atol=0.02)
-    np.testing.assert_allclose(np.linalg.norm(made["quaternion"].values[:9, 0], axis=-1), 1.0)
-    assert np.isnan(made["quaternion"].values[9:]).all()
-    assert "resampled from 6 to 11 frames, gaps up to 0.1 s bridged, 0 points missing" in made.attrs["history"]
-    with pytest.raises(InputError, match=r"rate_hz must be positive and finite, not 0\.0"):
-        resample_time(ds, rate_hz=0.0, longest_gap_s=1)
-    with pytest.raises(InputError, match=r"longest_gap_s must be positive, not 0\.0"):
-        resample_time(ds, rate_hz=10.0, longest_gap_s=0.0)
-
-
-def test_pressures_come_to_the_shapes_clock():
-    time, clock = np.arange(5) / 10, np.array([0.05, 0.15, 0.35])
-    two = np.array([[0.0, 10.0], [2.0, 30.0], [4.0, 50.0]])
-    ds = make_recording(
-        time, np.zeros((5, 1, 2)), frame="planar", pressure=two, pressure_time=clock, chamber=["l", "r"]
-    )
-    made = pressure_on_shape_clock(ds)
-    expected = np.array([[np.nan, np.nan], [1.0, 20.0], [2.5, 35.0], [3.5, 45.0], [np.nan, np.nan]])
-    np.testing.assert_allclose(made["pressure"].values, expected)
-    assert made["chamber"].values.tolist() == ["l", "r"]
-    assert "pressure interpolated from 3 samples to the times of the shape, 2 samples missing" in made.attrs["history"]
-
-
 # repair
-
-
-@pytest.mark.parametrize(("longest", "filled"), [(0.0299, 0), (0.0301, 2)])
-def test_gaps_are_filled_between_sightings_near_enough(longest, filled):
-    place = np.arange(12.0).reshape(6, 1, 2)
-    place[2:4] = np.nan
-    made = fill_gaps(make_recording(np.arange(6) / 100, place, frame="planar"), longest_s=longest)
-    assert np.isfinite(made["position"].values).all() == bool(filled)
-    assert (
-        f"filled {filled} drop-out(s) of at most {longest:g} s by linear interpolation, {2 - filled} are left"
-        in made.attrs["history"]
-    )
 
 
 @pytest.mark.parametrize(("off", "told"), [(24.0, True), (36.0, False)])

@@ -8,7 +8,6 @@ import pytest
 from pliant.errors import InputError
 from pliant.preprocessing.align import align
 from pliant.preprocessing.cut import cut_body, cut_time
-from pliant.preprocessing.resample import resample_arc_length
 from pliant.recording import make_recording
 from pliant.recording.rules import VARIABLES
 
@@ -29,8 +28,7 @@ def recording(monkeypatch):
 @pytest.mark.parametrize("step", [
     lambda r: align(r, tangent="+y"),
     lambda r: cut_body(r, 0.013, 0.081),
-    lambda r: resample_arc_length(r, spacing_mm=10.0),
-], ids=["align", "cut_body", "resample_arc_length"])  # fmt: skip
+], ids=["align", "cut_body"])  # fmt: skip
 def test_a_step_that_does_not_know_it_refuses(recording, step):
     with pytest.raises(InputError, match="would lose distance of the recording"):
         step(recording)

@@ -89,13 +89,6 @@ def test_rest_window_and_pressure_in_it():
         links_of(pushed, 3, rest=(7, 8))
 
 
-def test_dataset_of_links():
-    ds = links_of(wavy()[0], 4).to_xarray()
-    assert ds["joint_angle"].dims == ("time", "joint")
-    assert ds["tip"].sizes == {"time": 12, "link": 4, "axis": 2}
-    assert all(v.attrs["units"] and v.attrs["long_name"] for v in ds.data_vars.values())
-
-
 def test_bad_nodes_are_refused():
     recording, _ = wavy()
     with pytest.raises(InputError, match="exactly one of"):

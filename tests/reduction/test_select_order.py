@@ -163,12 +163,9 @@ def test_json_form():
     assert text["stations"] == 212
 
 
-def test_result_as_dataset_and_worst_frames():
+def test_worst_frames():
     recording, _ = wavy()
     result = select_order(recording, max_order=4)
-    ds = result.to_xarray()
-    assert ds["max_error"].dims == ("order", "time")
-    assert ds["max_error"].attrs["units"] == "m"
     time, error = result.worst_frames(3, 1)[0]
     assert error == result.max_error[1].max()
     assert time in recording["time"].values

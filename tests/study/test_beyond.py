@@ -12,7 +12,7 @@ from small_study import changed, write_study
 from pliant.identification import Experiment, FitResult, Parameter
 from pliant.model import Chamber, Station, chain_model
 from pliant.simulation import Trace
-from pliant.study.beyond import extrapolations
+from pliant.study.forecast import extrapolations
 from pliant.validation.store import load_outcome
 
 TIME = np.arange(0.0, 1.4, 0.01)

@@ -10,7 +10,7 @@ from pliant.errors import InputError
 from pliant.plotting import letter_panels, page
 from pliant.simulation import Pulse, simulate
 from pliant.validation import curves, figures
-from pliant.validation.motion import motion_figure
+from pliant.validation.use_figures import motion_figure
 from pliant.validation.wording import digits
 
 

@@ -8,8 +8,7 @@ import pytest
 from command_line import invoke
 
 from pliant.errors import InputError
-from pliant.video.decoder import Film
-from pliant.video.reel import open_reel
+from pliant.video.reel import Film, open_reel
 from pliant.video.track import Tracking, judge_film, stated_bytes
 
 SIZE = (96, 64)

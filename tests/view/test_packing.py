@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracles.packed_page import unpack
 
-from pliant.view.data import LEVELS, Pack, unpack
+from pliant.view.data import LEVELS, Pack
 
 
 @pytest.mark.parametrize("shape", [(400,), (400, 3, 2), (1, 2), (0, 2)])

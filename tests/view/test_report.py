@@ -10,7 +10,7 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.identification import Parameter
-from pliant.validation.metrics import DEFINITIONS
+from pliant.validation.metrics import METRICS
 from pliant.validation.wording import metric_label
 from pliant.view import write_report
 from pliant.view.report import report_page
@@ -112,9 +112,9 @@ def test_every_metric_that_is_shown_is_defined(page):
     shown = {a["href"][5:]: a["title"] for a in page.all("a") if a["href"].startswith("#def-")}
     assert len(shown) >= 10
     for key, title in shown.items():
-        assert title == DEFINITIONS[key]
-    for meaning in DEFINITIONS.values():
-        assert meaning in page.text
+        assert title == METRICS[key].meaning
+    for metric in METRICS.values():
+        assert metric.meaning in page.text
 
 
 def test_gravity_shows_no_remains_of_rounding(outcome):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oracles.packed_page import unpack
 
 import pliant.view
 from pliant.errors import InputError
@@ -20,7 +21,7 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Space, Tendon, chain_model
 from pliant.simulation import Trace, equilibrium
 from pliant.validation.outcome import RecordOutcome
-from pliant.view.data import Pack, modelled_of, unpack
+from pliant.view.data import Pack, modelled_of
 from pliant.view.live import Live, PageContent, PageRequest, Pull, sliders_of
 from pliant.view.report import report_page
 from pliant.view.server import BARE_KPA, WatchedLoop, live_page, ranges

@@ -33,7 +33,7 @@ def design(
     Example: pliant design study.toml --max 30kPa
     """
     from pliant.study import load_study
-    from pliant.study.design import design_study
+    from pliant.study.run import design_study
 
     limits = highest_levels(highest) if highest else None
     with progress_lines() as notify:

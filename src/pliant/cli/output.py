@@ -57,7 +57,7 @@ def write_film(trajectory: xr.Dataset, model: Model, path: Path) -> None:
     """Write a video of the moving body (.gif or .mp4) atomically."""
     if path.suffix not in (".gif", ".mp4"):
         raise InputError(f"the name of a video file must end in .gif or .mp4, got {path.name!r}")
-    from pliant.validation.motion import body_film, inputs_shown
+    from pliant.validation.use_figures import body_film, inputs_shown
 
     time, tips = trajectory["time"].to_numpy(), trajectory["tip_position"].to_numpy()
     with whole(path) as draft, TemporaryDirectory() as folder, busy("drawing the video"):

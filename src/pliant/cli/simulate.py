@@ -86,7 +86,7 @@ def simulate(
     if output is not None:
         save_trajectory(result, output)
     if figure is not None:
-        from pliant.validation.motion import motion_figure
+        from pliant.validation.use_figures import motion_figure
 
         write_figure(motion_figure(result), figure)
     if film is not None:

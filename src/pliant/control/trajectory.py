@@ -30,6 +30,8 @@ ROUNDS = 8  # corrections by the full model
 CLOSE = 5e-3  # error, as a fraction of the step, below which a step is complete
 AFTER = 0.2  # s for which the tip must stay there
 LONGEST = 0.4  # s, longest duration of a step
+SHARE = 0.9  # of the highest pressure that a trajectory may use; the remainder is left to the feedback
+SLACK = 1.25  # duration of a step relative to the shortest: more suits a body that differs from the model
 SMOOTH = 2e-3  # weight of a change of the command relative to its static effect on the tip
 
 
@@ -45,9 +47,8 @@ class Trajectory:
     lead : array (K, N + 1)
         Deviation of angles, rates, valve states and delayed commands, then of the command, from the equilibrium with
         the present hysteresis states [rad, rad/s, Pa, Pa/s], delayed as the shape is.
-    displacement, rest_displacement : array (K,)
-        Displacement of the tip from its rest without pressure [m]: along the motion, delayed as the shape is, and in
-        the equilibrium under `target`.
+    displacement : array (K,)
+        Displacement of the tip along the motion from its rest without pressure [m], delayed as the shape is.
     wanted : array (K,)
         Target displacement [m].
     period : float
@@ -57,7 +58,6 @@ class Trajectory:
     target: Array
     lead: Array
     displacement: Array
-    rest_displacement: Array
     wanted: Array
     period: float
 
@@ -80,27 +80,14 @@ class Planner:
         Control period, and age of a shape at its arrival [s].
     valve : SupplyValve, optional
         The rig's valve; default: the model's.
-    share : float
-        Fraction of the highest pressure that a trajectory may use; the remainder is left to the feedback.
-    slack : float
-        Duration of a step relative to the shortest possible one. A larger value reduces the error of a body that
-        differs from the model.
     """
 
     def __init__(
         self, model: Model, family: Equilibria, limits: Limits, period: float, *, latency: float = 0.0,
-        valve: SupplyValve | None = None, share: float = 0.9, slack: float = 1.25,
+        valve: SupplyValve | None = None,
     ) -> None:
-        if not 0.0 < share <= 1.0:
-            raise InputError(
-                f"share, the fraction of the highest pressure for a trajectory, must be above 0 and at most 1, got "
-                f"{share}"
-            )
-        if not slack >= 1.0:
-            raise InputError("slack, the duration of a step relative to the shortest one, must be at least 1, got "
-                             f"{slack}")
-        self.model, self.family, self.limits, self.ceiling = model, family, limits, share * limits.highest
-        self.period, self.latency, self.slack = period, latency, slack
+        self.model, self.family, self.limits, self.ceiling = model, family, limits, SHARE * limits.highest
+        self.period, self.latency = period, latency
         self.valve = valve or supply_of(model.valve)
         linear = linearise(frozen(model, 0.5), 0.5 * self.ceiling)
         plant = sample(linear, period)
@@ -179,7 +166,7 @@ class Planner:
                 many = middle
             else:
                 few = middle
-        count = min(round(self.slack * many), last - first - 1)
+        count = min(round(SLACK * many), last - first - 1)
         later = first + count + round(AFTER / self.period)
         commands = self._moved(target, wanted, command, first, count)[0]
         for _ in range(2):  # then the pressures that hold the tip against creep
@@ -285,10 +272,8 @@ class Planner:
             lead[:, 2 * n + order + age] = sent[D - 1 - age : D - 1 - age + K] - hold
         lead[:, -1] = command - hold
         far = np.linalg.norm(tip - family.tip[0], axis=1)
-        rest_far = np.interp(target, family.pressure, family.displacement)
-        last = slice(-1, None)  # once more, at rest
-        return Trajectory(
-            np.append(target, target[last]), np.vstack([lead, np.zeros_like(lead[last])]),
-            np.append(far, rest_far[last]), np.append(rest_far, rest_far[last]), np.append(wanted, wanted[last]),
-            self.period,
+        rest_far = np.interp(target[-1], family.pressure, family.displacement)
+        return Trajectory(  # the last row once more, at rest
+            np.append(target, target[-1]), np.vstack([lead, np.zeros_like(lead[-1])]), np.append(far, rest_far),
+            np.append(wanted, wanted[-1]), self.period,
         )

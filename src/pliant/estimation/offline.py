@@ -350,13 +350,6 @@ def judged(measurement: Measurement, out: FilterOutput, noise: Noise, model: Mod
     }
 
 
-def nees(error: Array, covariance: Array) -> Array:
-    """Return the normalised squared estimation error e^T P^-1 e of one or more estimates of N states, from the errors e
-    (..., N) and the covariances P (..., N, N).
-    """
-    return np.asarray(np.einsum("...a,...a->...", error, np.linalg.solve(covariance, error[..., None])[..., 0]))
-
-
 def mean_bounds(degrees: Array, level: float = 0.95) -> tuple[float, float]:
     """Return the interval that contains, with probability `level`, the sum of chi-square variables divided by the sum
     of their degrees of freedom.

@@ -26,7 +26,6 @@ from pliant.mechanics import mechanics_of
 from pliant.model import Model
 
 FOLLOWED, FRAME_LOST, PARTED, STEP_FAILED = range(4)  # outcome of a frame for the adaptive observer
-Array = np.ndarray
 
 
 class ObserverModel(NamedTuple):

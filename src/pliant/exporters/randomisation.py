@@ -16,7 +16,6 @@ from pliant.model import Model
 from pliant.model.file import model_of
 from pliant.simulation import state
 
-Array = np.ndarray
 Fit = FitResult | str | Path | Mapping[str, float]
 FIELDS = ("stiffness", "damping", "link_mass", "tip_mass", "rest_angle")
 TRIES = 50  # consecutive draws without a valid model, after which drawing fails
@@ -96,11 +95,6 @@ def uncertainty_of(model: Model, fit: FitResult | str | Path) -> Uncertainty:
     are left out.
     """
     content = fit.to_dict() if isinstance(fit, FitResult) else first_fit(fit)
-    if "covariance" not in content:
-        raise InputError(
-            f"{fit} was written by an older version of pliant and has no covariance: run the study again with this "
-            "version"
-        )
     if content.get("covariance") is None:
         raise InputError("models are drawn from a fit's covariance, and this fit has none: fit at least one parameter")
     try:

@@ -131,13 +131,6 @@ class LinearModel:
         """Return the finite transmission zeros [1/s] from a commanded pressure to one output, slowest first."""
         return transmission_zeros(self.A, self.B[:, chamber], self.row(output))
 
-    def response(self, output: str, omega: Array, chamber: int = 0) -> Array:
-        """Return the frequency response (W,) of an output to a commanded pressure at W angular frequencies `omega`
-        [rad/s], dead time included.
-        """
-        late = np.exp(-1j * omega * self.dead_times[chamber])
-        return frequency_response(self.A, self.B[:, chamber], self.row(output), omega) * late
-
     def static_gain(self, output: str, chamber: int = 0) -> float:
         """Return the static gain from a commanded pressure to an output, in units of the output per Pa."""
         return float(-self.row(output) @ np.linalg.solve(self.A, self.B[:, chamber]))
@@ -294,18 +287,3 @@ def transmission_zeros(A: Array, B: Array, c: Array) -> Array:
     fastest = 1e3 * np.abs(np.linalg.eigvals(A)).max()
     values = values[np.isfinite(values) & (np.abs(values) < fastest)]
     return values[np.argsort(np.abs(values))]
-
-
-def frequency_response(A: Array, B: Array, c: Array, omega: Array) -> Array:
-    """Return c (i omega - A)^{-1} B, the frequency response (W,) at W angular frequencies `omega` [rad/s]."""
-    omega = np.atleast_1d(np.asarray(omega, dtype=float))
-    eye = np.eye(A.shape[0])
-    return np.array([c @ np.linalg.solve(1j * w * eye - A, B.astype(complex)) for w in omega])
-
-
-def frequency_and_damping(root: complex) -> tuple[float, float]:
-    """Return the frequency [Hz] and damping ratio of a pole or zero [1/s].
-    The ratio is negative in the right half-plane.
-    """
-    size = abs(root)
-    return size / (2 * np.pi), float(-np.real(root) / size) if size else 1.0

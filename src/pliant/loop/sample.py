@@ -4,8 +4,7 @@ Convert samples to packets of bytes and back (little endian).
 
 A packet holds in this order: the mark "PLN2" (4 bytes), the time (int64, ns), the hold time (uint32, us), the length of
 the name, the length of the unit and the number of dimensions (1 byte each), name, unit (UTF-8), the dimensions (uint32
-each) and the values (float64). A receiver must vent if no newer command arrives within the hold time. Packets with the
-older mark "PLN1", which have no hold time, can be read.
+each) and the values (float64). A receiver must vent if no newer command arrives within the hold time.
 """
 
 from __future__ import annotations
@@ -106,8 +105,7 @@ def connection(kind: str, name: str) -> Callable[..., Any]:
 
 
 HEAD = struct.Struct("<4sqIBBB")
-OLD_HEAD = struct.Struct("<4sqBBB")
-MAGIC, OLD_MAGIC = b"PLN2", b"PLN1"
+MAGIC = b"PLN2"
 LARGEST = 65_507  # bytes, of a UDP datagram
 MOST_DIMENSIONS = 8
 LONGEST_HOLD = 2**32 - 1  # us
@@ -134,9 +132,8 @@ def pack(sample: Sample) -> bytes:
 def unpack(data: bytes, sender: Sender | None = None) -> Sample:
     """Return the sample in a packet of bytes; raise InputError when the bytes are not a sample."""
     try:
-        head = OLD_HEAD if data[:4] == OLD_MAGIC else HEAD
-        magic, time_ns, *hold, a, b, ndim = head.unpack_from(data)
-        offset = head.size
+        magic, time_ns, hold, a, b, ndim = HEAD.unpack_from(data)
+        offset = HEAD.size
         name, unit = data[offset : offset + a].decode(), data[offset + a : offset + a + b].decode()
         offset += a + b
         shape = struct.unpack_from(f"<{ndim}I", data, offset)
@@ -144,8 +141,8 @@ def unpack(data: bytes, sender: Sender | None = None) -> Sample:
     except (struct.error, UnicodeDecodeError) as error:
         raise InputError(f"a packet of {len(data)} bytes is not a sample: {error}; make packets by "
                          "pliant.loop.sample.pack") from None
-    if magic not in (MAGIC, OLD_MAGIC) or ndim > MOST_DIMENSIONS or len(data) - offset != 8 * math.prod(shape):
+    if magic != MAGIC or ndim > MOST_DIMENSIONS or len(data) - offset != 8 * math.prod(shape):
         raise InputError(f"a packet of {len(data)} bytes is not a sample: its first bytes, dimensions or length are "
                          "wrong; make packets by pliant.loop.sample.pack")
     values = np.frombuffer(data, "<f8", offset=offset).reshape(shape).astype(float)
-    return Sample(time_ns, name, values, unit, 1e-6 * sum(hold), sender)
+    return Sample(time_ns, name, values, unit, 1e-6 * hold, sender)

@@ -1,1 +1,1 @@
-"""Functions that check, repair, align, synchronise and resample a recording before a model is fitted to it."""
+"""Functions that check, repair, align and synchronise a recording before a model is fitted to it."""

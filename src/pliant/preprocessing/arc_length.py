@@ -47,7 +47,7 @@ def whole_frames(recording: xr.Dataset) -> tuple[Array, Array, int]:
         worst = missing.sum(axis=0)
         raise InputError(
             f"no frame has all stations: station {int(worst.argmax())}, counted from 0, is missing in "
-            f"{int(worst.max())} of {len(time)} frames; select stations or resample along arc length first"
+            f"{int(worst.max())} of {len(time)} frames; leave these stations out"
         )
     dropped = int((~whole).sum())
     return (position[whole], time[whole], dropped) if dropped else (position, time, dropped)

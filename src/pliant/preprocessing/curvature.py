@@ -307,7 +307,7 @@ def savgol_curvature(position: Array, s: Array, window: int = 51) -> Array:
     if uneven > UNEVEN:
         raise InputError(
             f"Savitzky-Golay needs evenly spaced stations, but the spacing deviates by {100 * uneven:.1f} %: "
-            "resample along arc length first, or use method='basis'"
+            "use method='basis'"
         )
     near = position - position[:, s.size // 2, None]  # a constant offset does not matter, but would cost digits
     return turning(*(rows @ near for rows in differences(s.size, window, float(spacing.mean()))))

@@ -9,7 +9,6 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.preprocessing import detectors
 from pliant.preprocessing.held import without_marked
-from pliant.preprocessing.resample import in_time
 from pliant.preprocessing.rotations import continuous, from_matrix, mean_rotation, to_matrix
 from pliant.recording.schema import append_history, check_holds
 
@@ -18,34 +17,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SAME_SYMMETRY = np.deg2rad(25.0)
-
-
-def fill_gaps(recording: xr.Dataset, *, longest_s: float) -> xr.Dataset:
-    """Return the recording with short drop-outs of positions filled by linear interpolation in time.
-
-    Parameters
-    ----------
-    recording : xarray.Dataset
-    longest_s : float, s
-        Longest time between the two measured samples around a gap. Longer gaps and gaps at the ends stay NaN.
-
-    Returns
-    -------
-    xarray.Dataset
-        The recording with filled positions; orientation and angle are not filled.
-    """
-    check_holds(recording, "position", "fill_gaps")
-    if not longest_s > 0:
-        raise InputError(f"fill_gaps needs a positive longest_s in seconds, not {longest_s!r}")
-    time, position = recording["time"].values, recording["position"].values
-    lost, bridged = ~np.isfinite(position).all(axis=2), np.full_like(position, np.nan)
-    if (some := lost.any(axis=0)).any():
-        bridged[:, some] = in_time(time, position[:, some], time, longest_s)
-    filled = lost & np.isfinite(bridged).all(axis=2)
-    position = np.where(filled[..., None], bridged, position)
-    line = (f"filled {int(filled.sum())} drop-out(s) of at most {longest_s:g} s by linear interpolation, "
-            f"{int(np.isnan(position).any(-1).sum())} are left")  # fmt: skip
-    return append_history(recording.assign(position=recording["position"].copy(data=position)), line)
 
 
 def leave_out_spikes(recording: xr.Dataset, like: xr.Dataset | None = None) -> xr.Dataset:
@@ -65,18 +36,6 @@ def leave_out_spikes(recording: xr.Dataset, like: xr.Dataset | None = None) -> x
     quaternion = like["quaternion"].values if "quaternion" in like else None
     marked = detectors.spiked_frames(like["position"].values, quaternion)
     return without_marked(recording, marked, "a station left its path for one frame")
-
-
-def drop_repeated_frames(recording: xr.Dataset) -> xr.Dataset:
-    """Return the recording without frames that equal the previous frame in every number.
-
-    Such frames occur when a log runs faster than its tracker. The pressure, which has its own times, keeps all samples.
-    """
-    check_holds(recording, "position", "drop_repeated_frames")
-    quaternion = recording["quaternion"].values if "quaternion" in recording else None
-    repeated = detectors.repeated_frames(recording["position"].values, quaternion)
-    line = f"left out {int(repeated.sum())} of {len(repeated)} frames that repeat the previous frame"
-    return append_history(recording.isel(time=np.flatnonzero(~repeated)), line)
 
 
 def undo_orientation_jumps(recording: xr.Dataset) -> xr.Dataset:

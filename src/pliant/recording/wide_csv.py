@@ -396,8 +396,7 @@ def _kept(metadata: dict[str, Any]) -> dict[str, Any]:
 def _pressure_columns(recording: xr.Dataset) -> dict[str, NDArray]:
     if not np.array_equal(recording["pressure_time"].values, recording["time"].values):
         raise InputError(
-            "a wide CSV has one time column, but pressure and shape have different times: write netCDF (.nc), or "
-            "resample the pressure to the times of the shape first"
+            "a wide CSV has one time column, but pressure and shape have different times: write netCDF (.nc)"
         )
     values = recording["pressure"].values
     if values.ndim == 1:

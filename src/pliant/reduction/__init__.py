@@ -4,8 +4,7 @@ and the joint angles over time.
 
 from pliant.reduction.error import spline_shape
 from pliant.reduction.links import LinkPlacement, links_of
-from pliant.reduction.order import select_order
-from pliant.reduction.order_result import OrderResult
+from pliant.reduction.order import OrderResult, select_order
 
 __all__ = [
     "LinkPlacement", "OrderResult", "links_of", "select_order", "spline_shape",

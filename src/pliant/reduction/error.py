@@ -87,13 +87,6 @@ def frame_errors(body: BodyShape, maps: Sequence[SplineMap], metric: str = "arc"
     return largest, mean
 
 
-def node_positions(one: SplineMap, position: Array) -> Array:
-    """Return the positions (T, n + 1, d) [m] of n + 1 nodes on the body, interpolated between the positions (T, S, d)
-    [m] of S stations, over T frames in d dimensions.
-    """
-    return np.matmul(one.nodes, position)
-
-
 def _chunks(position: Array) -> Iterator[tuple[slice, Array]]:
     """Yield slices of frames and their points as (d, rows, S), so that the stations are the contiguous axis."""
     frames, stations, axes = position.shape

@@ -183,31 +183,6 @@ class LinkPlacement:
         positions = np.asarray(place, dtype=np.float64)
         return beside_links(positions, float(self.node_arc_length[0]), self.link_length, self.rest_rotation)
 
-    def to_xarray(self) -> xr.Dataset:
-        """Return link lengths, joint angles and positions of the link tips over time as an `xarray.Dataset`."""
-        import xarray as xr
-
-        def described(dims: tuple[str, ...], values: object, units: str, long_name: str) -> object:
-            return (dims, values, {"units": units, "long_name": long_name})
-
-        d = len(self.base)
-        turn = "joint" if d == 2 else "coordinate"
-        data = {
-            "joint_angle": described(("time", turn), self.joint_angle, "rad", "joint angle from rest"),
-            "tip": described(("time", "link", "axis"), self.tips, "m", "measured position of the link tips"),
-            "residual": described(("time", "link"), self.residual, "m", "distance of the chain from the tips"),
-            "link_length": described(("link",), self.link_length, "m", "link length"),
-            "rest_angle": described((turn,), self.rest_angle, "rad", "joint angle at rest"),
-            "length_variation": described(("link",), self.length_variation, "1", "relative range of the length"),
-            "node_arc_length": described(("node",), self.node_arc_length, "m", "arc length of the nodes"),
-            "base": described(("axis",), self.base, "m", "position of the base"),
-        }
-        clock = described(("time",), self.time, "s", "time on the clock of the shape")
-        coords = {"time": clock, "axis": list("xyz"[:d])}
-        if d == 3:
-            coords["coordinate"] = [f"{letter}_{k + 1}" for k in range(self.n) for letter in "ab"]
-        return xr.Dataset(data, coords, {"notes": "\n".join(self.notes)})
-
 
 def links_of(
     recording: xr.Dataset, n: int | None = None, *, node_arc_length: ArrayLike | None = None,

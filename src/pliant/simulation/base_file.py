@@ -55,28 +55,28 @@ def read_base(
         raise InputError(f"{path.name} has no row with a complete pose of the base (position and angle, in space "
                          "position and quaternion): check its columns")
     first = int(np.argmax(known))
-    place, turned = (position - position[first]) @ axes[first], axes[first].T @ axes
+    moved, turned = (position - position[first]) @ axes[first], axes[first].T @ axes
     if dimension == 3:
         quaternion = np.full((len(time), 4), np.nan)
         quaternion[known] = continuous(from_matrix(turned[known])[:, None])[0][:, 0]
-        return BaseMotion(time, place, quaternion=quaternion, cutoff=cutoff)
-    size = float(np.ptp(place[known], axis=0).max())
-    across = float(np.abs(place[known, 2]).max())
+        return BaseMotion(time, moved, quaternion=quaternion, cutoff=cutoff)
+    size = float(np.ptp(moved[known], axis=0).max())
+    across = float(np.abs(moved[known, 2]).max())
     tilt = float(np.abs(turned[known][:, 2, :2]).max())
     if across > FLAT * max(size, 1e-9) or tilt > FLAT:
         raise InputError(f"the base of {path.name} leaves its x-y plane by {1e3 * across:.3g} mm and {tilt:.2g} rad, "
                          "but the body moves in a plane: use a model in space, or give the poses in this plane")
     angle = np.full(len(time), np.nan)
     angle[known] = np.unwrap(np.arctan2(turned[known, 1, 0], turned[known, 0, 0]))
-    return BaseMotion(time, np.where(known[:, None], place[:, :2], np.nan), angle=angle, cutoff=cutoff)
+    return BaseMotion(time, np.where(known[:, None], moved[:, :2], np.nan), angle=angle, cutoff=cutoff)
 
 
 def poses_of(recording: xr.Dataset, file: str) -> tuple[Array, Array, Array]:
     """Return times (T,) [s], positions (T, 3) [m] and axes (T, 3, 3) of the only station of a recording."""
     if "position" not in recording or recording.sizes["station"] != 1:
         names = [str(n) for n in recording["station"].values] if "station" in recording.coords else []
-        held = f"the stations {clipped(', '.join(names), 80)}" if names else "no positions"
-        raise InputError(f"{file} must hold the poses of the base alone, but it holds {held}: name the base as the "
+        content = f"the stations {clipped(', '.join(names), 80)}" if names else "no positions"
+        raise InputError(f"{file} must hold the poses of the base alone, but it holds {content}: name the base as the "
                          "only station in its mapping")
     position = recording["position"].values[:, 0]
     if position.shape[1] == 2:
@@ -94,18 +94,18 @@ def poses_by_name(path: Path, dimension: int) -> tuple[Array, Array, Array] | No
     if path.is_dir() or path.suffix.lower() not in (".csv", ".txt", ".tsv", ".dat"):
         return None
     names = first_cells(path, {})
-    found = {match["what"].lower().replace("_", ""): (name, match["unit"] or "") for name in names
+    columns = {match["what"].lower().replace("_", ""): (name, match["unit"] or "") for name in names
              if (match := COLUMN.fullmatch(name.strip()))}  # fmt: skip
-    places = [found[axis] for axis in "xyz" if axis in found]
-    if len(places) < 2:
+    axis_columns = [columns[axis] for axis in "xyz" if axis in columns]
+    if len(axis_columns) < 2:
         return None
-    check_turns(path, names, found)
-    lengths, (angle, unit) = {one for _, one in places}, found.get("angle", ("", ""))
+    check_turns(path, names, columns)
+    lengths, (angle, unit) = {length for _, length in axis_columns}, columns.get("angle", ("", ""))
     if len(lengths) > 1 or not lengths <= {*METRE} or (angle and unit not in RADIAN):
         raise InputError(f"{path.name}: name the units of the base's columns, such as x_m, y_m, angle_deg")
-    station: dict[str, Any] = {"position": [name for name, _ in places]}
-    if all(f"q{part}" in found for part in "xyzw"):
-        station["quaternion"] = [found[f"q{part}"][0] for part in "xyzw"]
+    station: dict[str, Any] = {"position": [name for name, _ in axis_columns]}
+    if all(f"q{part}" in columns for part in "xyzw"):
+        station["quaternion"] = [columns[f"q{part}"][0] for part in "xyzw"]
     if angle and dimension == 3:
         raise InputError(f"{path.name} states an angle in a plane, but the body moves in space: state qx, qy, qz, qw")
     recording = read(path, mapping={"stations": {"base": station}, "length_unit": lengths.pop()})
@@ -122,14 +122,14 @@ def poses_by_name(path: Path, dimension: int) -> tuple[Array, Array, Array] | No
     return time, position, np.moveaxis(np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1.0]]), -1, 0)
 
 
-def check_turns(path: Path, names: Sequence[str], found: Mapping[str, tuple[str, str]]) -> None:
+def check_turns(path: Path, names: Sequence[str], columns: Mapping[str, tuple[str, str]]) -> None:
     """Raise InputError if a table of a base's poses has columns of its rotation that are not read, or two rotations.
 
-    `found` holds the name and unit of each column that is read, by its meaning.
+    `columns` holds the name and unit of each column that is read, by its meaning.
     """
-    parts = [part for part in "xyzw" if f"q{part}" in found]
-    used = {name for name, _ in found.values()}
+    parts = [part for part in "xyzw" if f"q{part}" in columns]
+    used = {name for name, _ in columns.values()}
     unread = [name for name in names if name not in used and TURN.match(name.strip())]
-    if unread or len(parts) in (1, 2, 3) or (parts and "angle" in found):
+    if unread or len(parts) in (1, 2, 3) or (parts and "angle" in columns):
         raise InputError(f"{path.name} states the base's rotation in columns that are not read, or twice: name them "
                          "angle_deg, or qx, qy, qz, qw, or name them by --base-mapping")  # fmt: skip

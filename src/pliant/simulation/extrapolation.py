@@ -15,7 +15,6 @@ from pliant.simulation.drive import Drive, drive, grade, merge, subdivide
 from pliant.simulation.initial_value import InitialValueProblem, Marched, Solution
 from pliant.simulation.time_step import distance
 
-Array = np.ndarray
 MOST_STEPS = 4_000_000  # of one stage
 STAGES = 16
 NOT_SMOOTH = HYSTERESIS - {"creep"}

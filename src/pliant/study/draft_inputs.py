@@ -52,7 +52,7 @@ def input_names(inspected: Inspected) -> list[str]:
 def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
     """Write the inputs of settled poses that the names of the files state, as chambers if they are pressures."""
     levels = levels_by_name(inspected.trials).values()
-    known = all(value != OPEN for one in levels for value in one.values())
+    known = all(value != OPEN for pose in levels for value in pose.values())
     kind = named_kind(inspected.trials) if known else ""
     if kind or not known:
         shared_by_tendons(out, {kind} - {""})
@@ -88,8 +88,8 @@ def chambers_in_plane(out: Lines, inspected: Inspected) -> None:
     Each chamber is judged by the recording in which its pressure varies most, compared with the other pressures.
     """
     for name, channel in inspected.channels.items():
-        trial = max((one for one in inspected.trials if channel in one.chambers),
-                    key=lambda one: one.pressure_ranges[channel] / sum(one.pressure_ranges.values()))  # fmt: skip
+        trial = max((t for t in inspected.trials if channel in t.chambers),
+                    key=lambda t: t.pressure_ranges[channel] / sum(t.pressure_ranges.values()))  # fmt: skip
         out.item("actuator.chambers", name)
         if trial.aligned is None or trial.angles_only:
             out.propose("joints", [1, 2], "the joints that it bends; default: all")
@@ -109,7 +109,7 @@ def chambers_in_plane(out: Lines, inspected: Inspected) -> None:
 def chambers(out: Lines, inspected: Inspected) -> None:
     """Write the chambers of a body in space, each with the azimuth that the recording shows."""
     for name, channel in inspected.channels.items():
-        trial = next((one for one in inspected.trials if one.aligned is not None and channel in several(one.recording)),
+        trial = next((t for t in inspected.trials if t.aligned is not None and channel in several(t.recording)),
                      inspected.first_aligned)
         degrees = [] if trial.aligned is None else azimuths(trial.aligned)
         out.item("actuator.chambers", name)
@@ -160,9 +160,9 @@ def azimuth_of(out: Lines, azimuth: int | None) -> None:
         out.put("azimuth_deg", azimuth, "around the axis, from x towards y of the base frame, as the stations move")
 
 
-def both_ways(one: RecordedInput) -> bool:
+def both_ways(entry: RecordedInput) -> bool:
     """Return whether an input takes both signs."""
-    values = one.values[np.isfinite(one.values)]
+    values = entry.values[np.isfinite(entry.values)]
     return bool(values.min(initial=0.0) < -EITHER_WAY * values.max(initial=0.0))
 
 

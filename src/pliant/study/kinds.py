@@ -57,11 +57,11 @@ class Kind(ABC):
     measured = True  # its inputs were recorded
 
     @abstractmethod
-    def evidence(self, one: TrialOfDraft) -> str:
+    def evidence(self, candidate: TrialOfDraft) -> str:
         """Return what in the recording shows this kind, or "" if nothing does."""
 
     @abstractmethod
-    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+    def entries(self, out: Lines, candidate: TrialOfDraft) -> None:
         """Write the entries of the recording's table that this kind needs."""
 
 
@@ -70,9 +70,9 @@ class PoseOfFile(Kind):
 
     poses, measured = True, False
 
-    def evidence(self, one: TrialOfDraft) -> str:
+    def evidence(self, candidate: TrialOfDraft) -> str:
         """Return a sentence if the stations of every file stay where they are, and differ between the files."""
-        trials = one.trials
+        trials = candidate.trials
         if len(trials) < 2 or any(t.recording.attrs["frame"] != "tracker" or t.angles_only for t in trials):
             return ""
         if any(moving_inputs(t) for t in trials) or len({t.recording.sizes["station"] for t in trials}) > 1:
@@ -83,22 +83,22 @@ class PoseOfFile(Kind):
         return "nothing moves in this file, and the files differ: it is one settled pose" \
             if within < STILL * between else ""
 
-    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+    def entries(self, out: Lines, candidate: TrialOfDraft) -> None:
         """Write that all rows are one pose, and the input that held it as the file's name says."""
         out.put("poses", "median", "all rows are one settled pose, their median")
         out.put("signal", "commanded", 'no input was recorded; "measured" if you measured it')
-        levels = levels_by_name(one.trials)[one.trial.name]
-        out.ask("inputs", "value of each input, SI", levels, levels_comment(one, levels))
+        levels = levels_by_name(candidate.trials)[candidate.trial.name]
+        out.ask("inputs", "value of each input, SI", levels, levels_comment(candidate, levels))
         out.questions += [f"inputs: {UNIT_OF_INPUTS}"] if "?" in levels.values() else []
 
 
 UNIT_OF_INPUTS = "value of the input that the name of each file states, in N, m, rad or Pa"
 
 
-def levels_comment(one: TrialOfDraft, levels: Mapping[str, float | str]) -> str:
+def levels_comment(candidate: TrialOfDraft, levels: Mapping[str, float | str]) -> str:
     """Return the comment beside the levels of a settled pose."""
-    source = f"the name of the file is {one.trial.path.stem}"
-    kind = named_kind(one.trials)
+    source = f"the name of the file is {candidate.trial.path.stem}"
+    kind = named_kind(candidate.trials)
     unit = OF_TENDONS[kind][0] if kind else "Pa"
     return f"{UNIT_OF_INPUTS}: {source}" if "?" in levels.values() else f"{unit}, {source}"
 
@@ -145,9 +145,9 @@ class PoseOfRow(Kind):
 
     poses = True
 
-    def evidence(self, one: TrialOfDraft) -> str:
+    def evidence(self, candidate: TrialOfDraft) -> str:
         """Return a sentence if the rows are far apart in time and place, under measured inputs in space."""
-        trial = one.trial
+        trial = candidate.trial
         if trial.angles_only or trial.recording.attrs["frame"] == "planar" or not moving_inputs(trial):
             return ""
         if stays(trial):
@@ -166,10 +166,10 @@ class PoseOfRow(Kind):
         when = f"{apart:.2g} s apart and " if timed else ""
         return f"rows are {when}unlike their neighbours: each row is a settled pose"
 
-    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+    def entries(self, out: Lines, candidate: TrialOfDraft) -> None:
         """Write that each row is a pose."""
-        out.put("poses", True, f"{self.evidence(one)}; remove this line if they follow a motion")
-        count = int(one.trial.recording.sizes["time"])
+        out.put("poses", True, f"{self.evidence(candidate)}; remove this line if they follow a motion")
+        count = int(candidate.trial.recording.sizes["time"])
         if (every := count // MANY_POSES) > 1:
             out.put("every", every, f"{-(-count // every)} of {count} poses are used; remove this line to use all")
 
@@ -186,9 +186,9 @@ def stays(trial: Trial) -> bool:
 class MeasuredInputs(Kind):
     """A motion under inputs that were recorded: steps and waits, slow sweeps or random commands."""
 
-    def evidence(self, one: TrialOfDraft) -> str:
+    def evidence(self, candidate: TrialOfDraft) -> str:
         """Return how the recorded inputs change: in steps, slowly or at random."""
-        trial = one.trial
+        trial = candidate.trial
         if trial.asks_inputs:
             return "columns that change are probably its inputs"
         if not {"pressure", "actuation"} & set(trial.recording):
@@ -200,14 +200,14 @@ class MeasuredInputs(Kind):
         every = thinning(trial)
         return f"the motion is slow: each frame of {every} shows it" if every > 1 else "the inputs were recorded"
 
-    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+    def entries(self, out: Lines, candidate: TrialOfDraft) -> None:
         """Write the thinning of a motion that is recorded much faster than it moves."""
-        if (every := thinning(one.trial)) > 1:
+        if (every := thinning(candidate.trial)) > 1:
             out.put("every", every, "each such frame is used: lines between them miss the motion by 2 % at most")
-        if (warm_up := switched_on(one.trial)) is not None:
+        if (warm_up := switched_on(candidate.trial)) is not None:
             out.put("warm_up", warm_up, "s: all inputs are switched on in this time, and none goes back to zero; the "
                     "body begins wherever it was left, so that this time is simulated but not compared")
-            if shown_early(one.trial):
+            if shown_early(candidate.trial):
                 out.put("start", "pose", "the body begins in the pose of its first frames")
 
 
@@ -223,16 +223,17 @@ class WithoutCause(Kind):
 
     measured = False
 
-    def evidence(self, one: TrialOfDraft) -> str:
+    def evidence(self, candidate: TrialOfDraft) -> str:
         """Return a sentence if no input is known and the motion of the last station neither rests nor decays."""
-        if one.trial.highest_pa is not None or one.level is not None or LEVEL.search(one.trial.path.stem):
+        trial = candidate.trial
+        if trial.highest_pa is not None or candidate.level is not None or LEVEL.search(trial.path.stem):
             return ""
         goes_on = "no input was recorded, and the motion goes on to the end: no pulse and no free decay"
-        return goes_on if never_ends(one.trial.last_motion) else ""
+        return goes_on if never_ends(trial.last_motion) else ""
 
-    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+    def entries(self, out: Lines, candidate: TrialOfDraft) -> None:
         """Write what is missing."""
-        del one
+        del candidate
         out.say('what moved the body? pressure_file = "..." names the log of its inputs')
 
 
@@ -242,17 +243,17 @@ class FreeDecay(Kind):
     excitation: Excitation = "release"
     measured = False
 
-    def evidence(self, one: TrialOfDraft) -> str:
+    def evidence(self, candidate: TrialOfDraft) -> str:
         """Return a sentence if the body moves away from its first pose without a known pressure."""
-        pressed = one.trial.highest_pa is not None or LEVEL.search(one.trial.path.stem) is not None
-        stays = not returned(one.trial) and not pressed
+        pressed = candidate.trial.highest_pa is not None or LEVEL.search(candidate.trial.path.stem) is not None
+        stays = not returned(candidate.trial) and not pressed
         return "no input, and the body does not return: taken as free decay after release" if stays else ""
 
-    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+    def entries(self, out: Lines, candidate: TrialOfDraft) -> None:
         """Write the excitation, and how to state a pressure instead."""
-        when = moved(one.trial, self.excitation)
-        out.put("excitation", "release", self.evidence(one) + (f" ({when})" if when else ""))
-        if pulled_aside(one.trial):
+        when = moved(candidate.trial, self.excitation)
+        out.put("excitation", "release", self.evidence(candidate) + (f" ({when})" if when else ""))
+        if pulled_aside(candidate.trial):
             out.put("held", "measured", 'pulled aside before; "unloaded" if a hand held it straight')
         out.say('if a pressure moved the body, use these instead: nominal_pressure = 20.0 and pressure_unit = "kPa"')
 
@@ -262,9 +263,9 @@ class UnrecordedPressure(Kind):
 
     measured = False
 
-    def entries(self, out: Lines, one: TrialOfDraft) -> None:
+    def entries(self, out: Lines, candidate: TrialOfDraft) -> None:
         """Write the nominal pressure, or ask for it."""
-        trial, kind = one.trial, self.excitation
+        trial, kind = candidate.trial, self.excitation
         when = moved(trial, kind)
         sides = "a pulse is assumed, its edges" if kind == "pulse" else "a step is assumed, its start"
         out.say(f"the pressure was not recorded: {sides} estimated from the motion and fitted"
@@ -272,8 +273,8 @@ class UnrecordedPressure(Kind):
         if kind == "step":
             out.put("excitation", "step", "the body does not return, so the end of the pulse was not recorded")
         value, origin = trial.highest_pa, "from the name of the file"
-        if one.level is not None:
-            value, origin = one.level, "as you stated"
+        if candidate.level is not None:
+            value, origin = candidate.level, "as you stated"
         out.ask("nominal_pressure", f"kPa gauge, the pressure level of the {kind} in {trial.path.name}",
                 None if value is None else value / 1e3, origin)
         out.put("pressure_unit", "kPa")
@@ -284,9 +285,9 @@ class PressureStep(UnrecordedPressure):
 
     excitation: Excitation = "step"
 
-    def evidence(self, one: TrialOfDraft) -> str:
+    def evidence(self, candidate: TrialOfDraft) -> str:
         """Return a sentence if the body does not return."""
-        return "the body does not return: a step of pressure" if not returned(one.trial) else ""
+        return "the body does not return: a step of pressure" if not returned(candidate.trial) else ""
 
 
 class PressurePulse(UnrecordedPressure):
@@ -294,9 +295,9 @@ class PressurePulse(UnrecordedPressure):
 
     excitation: Excitation = "pulse"
 
-    def evidence(self, one: TrialOfDraft) -> str:
+    def evidence(self, candidate: TrialOfDraft) -> str:
         """Return a sentence: what nothing else explains is taken as a pulse."""
-        known = one.trial.highest_pa
+        known = candidate.trial.highest_pa
         size = "" if known is None else f" of {known / 1e3:g} kPa, as its name says"
         return f"no input was recorded, and the body returns: a pulse of pressure{size}"
 
@@ -361,16 +362,17 @@ def switched_on(trial: Trial) -> float | None:
     """Return the time [s] from the first frame in which several inputs rise from zero, to which none returns, while
     some go on to move; None for a recording that begins otherwise.
     """
-    inputs = [one for one in recorded_inputs(trial.recording) if np.isfinite(one.values).all() and np.ptp(one.values)]
+    inputs = [signal for signal in recorded_inputs(trial.recording)
+              if np.isfinite(signal.values).all() and np.ptp(signal.values)]  # fmt: skip
     begin = float(trial.recording["time"].values[0])
     duration = float(np.ptp(trial.recording["time"].values))
     risen, moving = [], False
-    for one in inputs:
-        later = one.values[one.time - begin > SWITCHING * duration]
+    for signal in inputs:
+        later = signal.values[signal.time - begin > SWITCHING * duration]
         low, high = (float(later.min()), float(later.max())) if later.size else (0.0, 0.0)
-        if not abs(one.values[0]) < ZERO * high < low:
+        if not abs(signal.values[0]) < ZERO * high < low:
             return None
-        risen.append(float(one.time[np.argmax(one.values >= NEARLY * low)]) - begin)
+        risen.append(float(signal.time[np.argmax(signal.values >= NEARLY * low)]) - begin)
         moving |= high - low > 0.5 * high
     return round(max(risen), 1) if len(inputs) > 1 and moving else None
 

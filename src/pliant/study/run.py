@@ -1,4 +1,6 @@
-"""`run_study`: check and align the recordings, fit models, predict the held-out recordings, and write the results."""
+"""`run_study`: check and align the recordings, fit models, predict the held-out recordings, and write the results.
+`design_study` fits the model, and ranks further recordings by the information that they would add.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +20,7 @@ from pliant.errors import FitError, InputError
 from pliant.failures import FAILED, Failures, NotComputed, fit_failure
 from pliant.files import output_folder, replaced_together, write_text
 from pliant.identification import Experiment
+from pliant.identification.design import Design, design
 from pliant.identification.drives import at_rest
 from pliant.identification.starts import start_note
 from pliant.model import Model, save_model
@@ -31,7 +34,7 @@ from pliant.study.body import reduced_recording, study_model, with_azimuths
 from pliant.study.body_tables import ActuatorEntry
 from pliant.study.dense import link_experiment, shape_of
 from pliant.study.doubts import model_warnings, recording_warnings, term_warnings, unit_warning_first
-from pliant.study.fits import run_model_selection, selection_fit
+from pliant.study.fits import run_fit, run_model_selection, selection_fit
 from pliant.study.forecast import check_forecasts, run_forecasts
 from pliant.study.parallel_fits import run_fits
 from pliant.study.prepare import (
@@ -310,3 +313,36 @@ def write_outcome(study: Study, outcome: StudyOutcome, folder: Path, began: floa
 def run_id(outcome: StudyOutcome) -> str:
     """Return a digest of everything in metrics.json, run times included, so that it differs between runs."""
     return sha256(json.dumps(outcome.to_dict(), allow_nan=False).encode()).hexdigest()[:16]
+
+
+def design_study(
+    study: Study, *, highest: float | Mapping[str, float] | None = None, criterion: str = "E",
+    progress: Callable[[str], None] | None = None,
+) -> Design:
+    """Fit a study's model and rank candidate recordings by how much each would reduce the uncertainty of the
+    parameters.
+
+    Parameters
+    ----------
+    study : Study
+    highest : float or mapping, optional
+    criterion : {"E", "D"}
+        As in `pliant.identification.design.design`.
+
+    Raises
+    ------
+    InputError, FitError
+        As `run_study`.
+    """
+    notify = progress or (lambda _line: None)
+    ready = prepare_all(study, notify)
+    study = without(study, ready.dropped)
+    model = ready.model
+    selection = run_model_selection(study, ready.experiments, model, notify)
+    if selection is not None:
+        fitted = selection_fit(study, selection, ready.experiments, notify)
+    else:
+        name = next(iter(study.fits))
+        fitted = run_fit(study, name, ready.experiments, model, notify, {})
+    train = [r.experiment for r in fitted.records if r.role == "train"]
+    return design(fitted.result, train, highest=highest, criterion=criterion)

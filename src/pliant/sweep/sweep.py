@@ -21,7 +21,6 @@ from pliant.sweep.store import Store, write_dataset
 from pliant.sweep.tasks import SweepTask
 from pliant.version import __version__
 
-Array = np.ndarray
 QUANTILES = (0.025, 0.5, 0.975)
 UNITS = {"tip": "m", "final_tip": "m", "largest_deflection": "m", "rmse": "m", "failed": "1",
          "parameter_start": "s", "parameter_width": "s"}

@@ -5,7 +5,7 @@ They are errors, traits of the response, the lengthening of the body, swings of 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,83 +27,123 @@ NAMES = ("extension_mm", "extension_percent")
 MODELLED = ("extension_modelled_mm", "extension_modelled_percent")
 SETTLED_S = 0.2  # s at the end of the motion, whose median is the steady error
 SIZES = ("large", "small")
-DEFINITIONS = {
-    "rmse_mm": "Euclidean distance between modelled and measured points, root mean square over stations and time, mm",
-    "max_mm": "largest Euclidean distance over stations and time, mm",
-    "rmse_percent_of_travel": "rmse_mm in % of the peak displacement of the last station from its rest position",
-    "rmse_percent_of_length": "rmse_mm in % of the body's length",
-    "fit_percent": "100 (1 - |measured - modelled| / |measured - mean of measured|) over stations and time (NRMSE fit)",
-    "within_band_percent": "percentage of a held-out record's coordinates in the 95 % prediction band, which combines "
-    "the parameters' uncertainty with the residuals of the training records; near 95 if the model is valid",
-    "frequency_hz": "frequency of the damped ring-down after the pulse or the release, Hz",
-    "damping_ratio": "damping ratio of the ring-down after the pulse or the release",
-    "overshoot_percent": "first peak above the value at the end of the pulse, in % of that value",
-    "steady_state_mm": "displacement of the last station from its rest position at the end of the pulse or release, mm",
-    "extension_mm": "largest change of the measured body's length, by arcs through the stations, from rest, mm",
-    "extension_percent": "extension_mm in % of the length in the first frames",
-    "extension_modelled_mm": "change of the modelled body's length in the same frames, likewise, mm",
-    "extension_modelled_percent": "extension_modelled_mm in % of the length in the first frames",
-    "steady_state_error_mm": "difference of steady_state_mm, modelled less measured, mm",
-    "travel_mm": "peak displacement: the largest measured displacement of the last station from its rest position, mm",
-    "frames": "frames of the recording that were compared",
-    "points_not_seen": "number of missing measurements, counted over stations and frames",
-    "fitted_edges_s": "start and stop of a held-out pulse whose pressure was not measured, fitted to this record, s",
-    "swing_large_mm": "mean amplitude (half a swing) of the last station after the release or the pulse, over swings "
-    "larger than a third of the first one; a swing is the motion between two successive turning points",
-    "frequency_large_hz": "frequency of those large swings, from the time between turning points, Hz",
-    "damping_ratio_large": "damping ratio of those large swings, from the decrement of successive ones",
-    "swing_small_mm": "mean amplitude over swings smaller than a sixth of the first one and above the sensor's noise",
-    "frequency_small_hz": "frequency of the small swings, Hz",
-    "damping_ratio_small": "damping ratio of the small swings",
-    "joint_rmse_mrad": "root mean square over time of the difference between modelled and measured angles between the "
-    "chords that join neighbouring stations, from the base on, mrad; opposite errors of neighbours cancel at the tip",
-    "joint_steady_error_mrad": "modelled less measured angle between these chords, at the end of plateau or record, "
-    "mrad",
-}
-FORMULAS = {  # in TeX; docs/metrics.md defines the symbols; A_k are the swings between successive turning points
-    "rmse_mm": r"10^3\,e,\quad e=\sqrt{\frac{1}{N}\sum_{t,s}|r_{ts}-m_{ts}|^2}",
-    "max_mm": r"10^3\max_{t,s}|r_{ts}-m_{ts}|",
-    "rmse_percent_of_travel": r"100\,e/\max_t|m_{tS}-m_0|",
-    "rmse_percent_of_length": r"100\,e/L",
-    "fit_percent": r"100\left(1-\sqrt{\frac{\sum_{t,s}|r_{ts}-m_{ts}|^2}{\sum_{t,s}|m_{ts}-\bar m_s|^2}}\right)",
-    "within_band_percent": r"\frac{100}{2N}\,\#\{(t,s,c):\ l_{tsc}\le m_{tsc}\le h_{tsc}\}",
-    "frequency_hz": r"\omega_d/2\pi\ \text{ of }\ a\,e^{-\sigma t}\cos(\omega_d t+\varphi)+b+c\,e^{-t/\tau}",
-    "damping_ratio": r"\sigma/\sqrt{\sigma^2+\omega_d^2}",
-    "overshoot_percent": r"100\left(u_{\text{peak}}/u_{\text{end}}-1\right)",
-    "steady_state_mm": r"10^3\,u_{\text{end}},\quad u_{\text{end}}=\operatorname{median}_{t>t_{\text{end}}-w}u(t)",
-    "steady_state_error_mm": r"10^3\left(u_{\text{end}}^{\text{modelled}}-u_{\text{end}}^{\text{measured}}\right)",
-    "extension_mm": r"10^3\,(\ell_{\text{most}}-\ell_{\text{rest}})",
-    "extension_percent": r"100\,(\ell_{\text{most}}/\ell_{\text{rest}}-1)",
-    "extension_modelled_mm": r"10^3\,(\hat\ell_{\text{most}}-\hat\ell_{\text{rest}})",
-    "extension_modelled_percent": r"100\,(\hat\ell_{\text{most}}/\hat\ell_{\text{rest}}-1)",
-    "travel_mm": r"10^3\max_t|m_{tS}-m_0|",
-    "swing_large_mm": r"10^3\,\tfrac12\operatorname{mean}\{A_k:A_k\ge\tfrac13A_1\}",
-    "frequency_large_hz": r"\operatorname{mean}^{-1}\{2(t_{k+1}-t_k):A_k\ge\tfrac13A_1\}",
-    "damping_ratio_large": r"\delta/\sqrt{\pi^2+\delta^2},\quad\delta=\operatorname{mean}\ln(A_k/A_{k+1})",
-    "swing_small_mm": r"10^3\,\tfrac12\operatorname{mean}\{A_k:A_k\le\tfrac16A_1\}",
-    "frequency_small_hz": r"\operatorname{mean}^{-1}\{2(t_{k+1}-t_k):A_k\le\tfrac16A_1\}",
-    "damping_ratio_small": r"\delta/\sqrt{\pi^2+\delta^2}",
-    "joint_rmse_mrad": r"10^3\sqrt{\operatorname{mean}_t\,(q^r_{ti}-q^m_{ti})^2}",
-    "joint_steady_error_mrad": r"10^3\operatorname{median}_{t>t_{\text{end}}-w}(q^r_{ti}-q^m_{ti})",
-}
-ANGLES = {
-    "rmse_deg": "difference of modelled and measured angles, root mean square over stations and time, degrees",
-    "max_deg": "largest difference of modelled and measured angles, degrees",
-    "rmse_percent_of_travel": "rmse_deg in % of the largest rotation of the last station from its rest angle",
-    "sensor_step_deg": "resolution of the last station's angle sensor, degrees; its noise is this over the root of 12",
-    "steady_state_deg": "rotation of the last station from its rest angle at the end of the pulse or release, degrees",
-    "steady_state_error_deg": "difference of steady_state_deg, modelled less measured, degrees",
-    "travel_deg": "largest measured rotation of the last station from its rest angle, degrees",
-    **{k.replace("_mm", "_deg"): v for k, v in DEFINITIONS.items() if k.startswith("swing")},
-}
+
+
+class Metric(NamedTuple):
+    """One metric of a recording.
+
+    Attributes
+    ----------
+    label : str
+        Name in tables and figures; empty for the words of the metric's name.
+    kind : str
+        Type of the value in metrics.json, a key of `metrics_file.KINDS`.
+    formula : str
+        TeX, in the symbols of docs/metrics.md; A_k are the swings between successive turning points.
+    meaning : str
+    """
+
+    label: str
+    kind: str
+    formula: str
+    meaning: str
+
+
+METRICS = {  # of a recording of positions
+    "rmse_mm": Metric("RMSE", "number", r"10^3\,e,\quad e=\sqrt{\frac{1}{N}\sum_{t,s}|r_{ts}-m_{ts}|^2}",
+        "Euclidean distance between modelled and measured points, root mean square over stations and time, mm"),
+    "max_mm": Metric("largest distance", "number", r"10^3\max_{t,s}|r_{ts}-m_{ts}|",
+        "largest Euclidean distance over stations and time, mm"),
+    "rmse_percent_of_travel": Metric("RMSE / peak displacement", "number", r"100\,e/\max_t|m_{tS}-m_0|",
+        "rmse_mm in % of the peak displacement of the last station from its rest position"),
+    "rmse_percent_of_length": Metric("RMSE / length", "number", r"100\,e/L", "rmse_mm in % of the body's length"),
+    "fit_percent": Metric("NRMSE fit", "number or null",
+        r"100\left(1-\sqrt{\frac{\sum_{t,s}|r_{ts}-m_{ts}|^2}{\sum_{t,s}|m_{ts}-\bar m_s|^2}}\right)",
+        "100 (1 - |measured - modelled| / |measured - mean of measured|) over stations and time (NRMSE fit)"),
+    "within_band_percent": Metric("within the 95 % band", "band",
+        r"\frac{100}{2N}\,\#\{(t,s,c):\ l_{tsc}\le m_{tsc}\le h_{tsc}\}",
+        "percentage of a held-out record's coordinates in the 95 % prediction band, which combines the parameters' "
+        "uncertainty with the residuals of the training records; near 95 if the model is valid"),
+    "frequency_hz": Metric("", "pair",
+        r"\omega_d/2\pi\ \text{ of }\ a\,e^{-\sigma t}\cos(\omega_d t+\varphi)+b+c\,e^{-t/\tau}",
+        "frequency of the damped ring-down after the pulse or the release, Hz"),
+    "damping_ratio": Metric("", "pair", r"\sigma/\sqrt{\sigma^2+\omega_d^2}",
+        "damping ratio of the ring-down after the pulse or the release"),
+    "overshoot_percent": Metric("", "pair", r"100\left(u_{\text{peak}}/u_{\text{end}}-1\right)",
+        "first peak above the value at the end of the pulse, in % of that value"),
+    "steady_state_mm": Metric("", "pair",
+        r"10^3\,u_{\text{end}},\quad u_{\text{end}}=\operatorname{median}_{t>t_{\text{end}}-w}u(t)",
+        "displacement of the last station from its rest position at the end of the pulse or release, mm"),
+    "extension_mm": Metric("", "number or null", r"10^3\,(\ell_{\text{most}}-\ell_{\text{rest}})",
+        "largest change of the measured body's length, by arcs through the stations, from rest, mm"),
+    "extension_percent": Metric("", "number or null", r"100\,(\ell_{\text{most}}/\ell_{\text{rest}}-1)",
+        "extension_mm in % of the length in the first frames"),
+    "extension_modelled_mm": Metric("", "number or null", r"10^3\,(\hat\ell_{\text{most}}-\hat\ell_{\text{rest}})",
+        "change of the modelled body's length in the same frames, likewise, mm"),
+    "extension_modelled_percent": Metric("", "number or null",
+        r"100\,(\hat\ell_{\text{most}}/\hat\ell_{\text{rest}}-1)",
+        "extension_modelled_mm in % of the length in the first frames"),
+    "steady_state_error_mm": Metric("steady-state error", "number or null",
+        r"10^3\left(u_{\text{end}}^{\text{modelled}}-u_{\text{end}}^{\text{measured}}\right)",
+        "difference of steady_state_mm, modelled less measured, mm"),
+    "travel_mm": Metric("", "number", r"10^3\max_t|m_{tS}-m_0|",
+        "peak displacement: the largest measured displacement of the last station from its rest position, mm"),
+    "frames": Metric("", "count", "", "frames of the recording that were compared"),
+    "points_not_seen": Metric("", "count", "", "number of missing measurements, counted over stations and frames"),
+    "fitted_edges_s": Metric("", "edges", "",
+        "start and stop of a held-out pulse whose pressure was not measured, fitted to this record, s"),
+    "swing_large_mm": Metric("", "pair", r"10^3\,\tfrac12\operatorname{mean}\{A_k:A_k\ge\tfrac13A_1\}",
+        "mean amplitude (half a swing) of the last station after the release or the pulse, over swings larger than "
+        "a third of the first one; a swing is the motion between two successive turning points"),
+    "frequency_large_hz": Metric("frequency, large swings", "pair",
+        r"\operatorname{mean}^{-1}\{2(t_{k+1}-t_k):A_k\ge\tfrac13A_1\}",
+        "frequency of those large swings, from the time between turning points, Hz"),
+    "damping_ratio_large": Metric("damping ratio, large swings", "pair",
+        r"\delta/\sqrt{\pi^2+\delta^2},\quad\delta=\operatorname{mean}\ln(A_k/A_{k+1})",
+        "damping ratio of those large swings, from the decrement of successive ones"),
+    "swing_small_mm": Metric("", "pair", r"10^3\,\tfrac12\operatorname{mean}\{A_k:A_k\le\tfrac16A_1\}",
+        "mean amplitude over swings smaller than a sixth of the first one and above the sensor's noise"),
+    "frequency_small_hz": Metric("frequency, small swings", "pair",
+        r"\operatorname{mean}^{-1}\{2(t_{k+1}-t_k):A_k\le\tfrac16A_1\}", "frequency of the small swings, Hz"),
+    "damping_ratio_small": Metric("damping ratio, small swings", "pair", r"\delta/\sqrt{\pi^2+\delta^2}",
+        "damping ratio of the small swings"),
+    "joint_rmse_mrad": Metric("joints, RMSE", "joints", r"10^3\sqrt{\operatorname{mean}_t\,(q^r_{ti}-q^m_{ti})^2}",
+        "root mean square over time of the difference between modelled and measured angles between the chords that "
+        "join neighbouring stations, from the base on, mrad; opposite errors of neighbours cancel at the tip"),
+    "joint_steady_error_mrad": Metric("joints, steady error", "joints",
+        r"10^3\operatorname{median}_{t>t_{\text{end}}-w}(q^r_{ti}-q^m_{ti})",
+        "modelled less measured angle between these chords, at the end of plateau or record, mrad"),
+}  # fmt: skip
+ANGLES = {  # of a recording of angles alone, where they differ
+    "rmse_deg": Metric("RMSE", "number", "",
+        "difference of modelled and measured angles, root mean square over stations and time, degrees"),
+    "max_deg": Metric("largest difference", "number", "",
+        "largest difference of modelled and measured angles, degrees"),
+    "rmse_percent_of_travel": Metric("RMSE / peak displacement", "number", "",
+        "rmse_deg in % of the largest rotation of the last station from its rest angle"),
+    "sensor_step_deg": Metric("step of the sensor", "number or null", "",
+        "resolution of the last station's angle sensor, degrees; its noise is this over the root of 12"),
+    "steady_state_deg": Metric("", "pair", "",
+        "rotation of the last station from its rest angle at the end of the pulse or release, degrees"),
+    "steady_state_error_deg": Metric("steady-state error", "number or null", "",
+        "difference of steady_state_deg, modelled less measured, degrees"),
+    "travel_deg": Metric("", "number", "",
+        "largest measured rotation of the last station from its rest angle, degrees"),
+    **{name.replace("_mm", "_deg"): metric for name, metric in METRICS.items() if name.startswith("swing")},
+}  # fmt: skip
+
+
+def metric_table(*, turns: bool) -> dict[str, Metric]:
+    """Return the metrics of a recording of positions or, with `turns`, of one of angles."""
+    if not turns:
+        return METRICS
+    of_places = ("_mm", "of_length", "extension_percent", "extension_modelled_percent")
+    return {**ANGLES, **{k: v for k, v in METRICS.items() if not k.endswith(of_places) and k not in ANGLES}}
 
 
 def definitions(*, turns: bool) -> dict[str, str]:
     """Return the definition of each metric, for positions or, with `turns`, for angles."""
-    if not turns:
-        return DEFINITIONS
-    of_places = ("_mm", "of_length", "extension_percent", "extension_modelled_percent")
-    return {**ANGLES, **{k: v for k, v in DEFINITIONS.items() if not k.endswith(of_places) and k not in ANGLES}}
+    return {name: metric.meaning for name, metric in metric_table(turns=turns).items()}
 
 
 def compare(exp: Experiment, modelled: Array, length: float) -> dict[str, Any]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, create_model
+
+from pliant.validation.metrics import metric_table
 
 Role = Literal["train", "held_out", "forecast"]
 
@@ -40,58 +43,39 @@ class Failure(MetricsEntry):
     role: Literal["train", "held_out", ""]
 
 
+KINDS: dict[str, tuple[Any, Any]] = {  # kind of a metric: type and default of its entry
+    "number": (float, ...), "number or null": (float | None, ...), "count": (int, ...), "pair": (Pair, ...),
+    "band": (float | None, None), "edges": (dict[str, float] | None, None), "joints": (list[float] | None, ...),
+}
+T = TypeVar("T", bound=MetricsEntry)
+
+
+def with_metrics(*, turns: bool) -> Callable[[type[T]], type[T]]:
+    """Return a decorator that adds the metrics of a recording, of angles alone with `turns`, to a table's entries."""
+    entries: dict[str, Any] = {name: KINDS[metric.kind] for name, metric in metric_table(turns=turns).items()}
+
+    def extended(table: type[T]) -> type[T]:
+        return create_model(table.__name__, __base__=table, __doc__=table.__doc__, **entries)
+
+    return extended
+
+
 class Compared(MetricsEntry):
-    """Metrics of one recording under one fit, as far as they are the same for positions and for angles."""
+    """Entries of a recording under one fit beside its metrics."""
 
     role: Role = Field(description="whether the fit used the recording for training or held it out")
     fit: str = Field("", description="the first fit that computes this recording; present under `records` only")
     not_computed: str = Field("", description="results of this recording that could not be computed, and why")
-    rmse_percent_of_travel: float
-    fit_percent: float | None  # null for a single pose
-    within_band_percent: float | None = None
-    frequency_hz: Pair
-    damping_ratio: Pair
-    overshoot_percent: Pair
-    frequency_large_hz: Pair
-    damping_ratio_large: Pair
-    frequency_small_hz: Pair
-    damping_ratio_small: Pair
-    joint_rmse_mrad: list[float] | None = Field(description="for each station; null for one station or angles alone")
-    joint_steady_error_mrad: list[float] | None
-    frames: int
-    points_not_seen: int
-    fitted_edges_s: dict[str, float] | None = Field(
-        None, description="start and stop of a held-out pulse whose pressure was not measured, fitted to its motion")
 
 
+@with_metrics(turns=False)
 class Record(Compared):
     """Metrics of one recording of positions under one fit."""
 
-    rmse_mm: float
-    max_mm: float
-    rmse_percent_of_length: float
-    steady_state_mm: Pair
-    steady_state_error_mm: float | None
-    extension_mm: float | None
-    extension_percent: float | None
-    extension_modelled_mm: float | None
-    extension_modelled_percent: float | None
-    swing_large_mm: Pair
-    swing_small_mm: Pair
-    travel_mm: float
 
-
+@with_metrics(turns=True)
 class AngleRecord(Compared):
     """Metrics of one recording of angles without positions under one fit."""
-
-    rmse_deg: float
-    max_deg: float
-    steady_state_deg: Pair
-    steady_state_error_deg: float | None
-    sensor_step_deg: float | None
-    swing_large_deg: Pair
-    swing_small_deg: Pair
-    travel_deg: float
 
 
 class Value(MetricsEntry):

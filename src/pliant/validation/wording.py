@@ -9,22 +9,11 @@ from typing import Any
 
 from pliant.text import escaped
 from pliant.units import quantity
+from pliant.validation.metrics import ANGLES, METRICS
 
 ROLE = {"train": "training", "held_out": "held out", "forecast": "forecast"}
 NO_PLACES = "The recordings hold angles and no positions: shapes, order and path are left out."
 DASH = "–"
-LABELS = {
-    "rmse_mm": "RMSE", "rmse_deg": "RMSE", "max_mm": "largest distance", "max_deg": "largest difference",
-    "rmse_percent_of_travel": "RMSE / peak displacement",
-    "rmse_percent_of_length": "RMSE / length", "fit_percent": "NRMSE fit",
-    "within_band_percent": "within the 95 % band", "frequency_hz": "frequency",
-    "damping_ratio": "damping ratio", "overshoot_percent": "overshoot", "steady_state_mm": "steady state",
-    "steady_state_error_mm": "steady-state error", "steady_state_deg": "steady state",
-    "steady_state_error_deg": "steady-state error", "sensor_step_deg": "step of the sensor",
-    "frequency_large_hz": "frequency, large swings", "damping_ratio_large": "damping ratio, large swings",
-    "frequency_small_hz": "frequency, small swings", "damping_ratio_small": "damping ratio, small swings",
-    "joint_rmse_mrad": "joints, RMSE", "joint_steady_error_mrad": "joints, steady error",
-}
 
 
 def digits(value: Any, count: int = 3, sign: str = "", *, zeros: bool = True) -> str:
@@ -68,4 +57,5 @@ def span(low: float, high: float, digits: str = ".2g") -> str:
 def metric_label(key: str) -> tuple[str, str]:
     """Split the name of a metric into words and unit: "frequency_hz" gives ("frequency", "Hz")."""
     words, unit = quantity(key)
-    return LABELS.get(key, words), unit or "%" * ("_percent_" in key)
+    metric = METRICS.get(key) or ANGLES.get(key)
+    return (metric.label if metric else "") or words, unit or "%" * ("_percent_" in key)

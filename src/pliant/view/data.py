@@ -226,13 +226,3 @@ class Pack:
     def text(self) -> str:
         """Return all arrays as one compressed block in base64; the same arrays give the same text."""
         return base64.b64encode(zlib.compress(b"".join(self.parts), 9)).decode()
-
-
-def unpack(text: str, note: dict[str, Any]) -> Array:
-    """Return the array that the description `note` locates in the packed `text`, as the page's script reads it."""
-    content = zlib.decompress(base64.b64decode(text))
-    count = int(np.prod(note["shape"]))
-    steps = np.frombuffer(content, dtype="<u2", count=count, offset=note["at"]).reshape(note["shape"])
-    levels = np.cumsum(steps, axis=0, dtype=np.uint16).astype(np.int16).astype(float)
-    levels[levels == GAP] = np.nan
-    return np.asarray((levels + LEVELS // 2) * note["scale"] + note["low"])

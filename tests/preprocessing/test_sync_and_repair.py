@@ -1,4 +1,4 @@
-"""Clocks brought together, new samples in time and along the body, and repairs: all counted."""
+"""Clocks brought together, and repairs: all counted."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.preprocessing.lag_model import first_component
-from pliant.preprocessing.repair import drop_repeated_frames, fill_gaps, undo_orientation_jumps
-from pliant.preprocessing.resample import pressure_on_shape_clock, resample_arc_length, resample_time
+from pliant.preprocessing.repair import undo_orientation_jumps
 from pliant.preprocessing.sync import shift_pressure, sync
-from pliant.recording import make_recording, read, write
+from pliant.recording import make_recording
 
 TIME = np.arange(1000) / 100
 CLOCK = np.arange(0, 10, 0.004)
@@ -117,95 +116,6 @@ def test_offsets_that_cannot_be_found_are_refused(rng):
         sync(periodic)
 
 
-def test_a_regular_clock_and_its_gaps(rng):
-    time = np.sort(np.concatenate([np.arange(0, 2, 0.01), np.arange(2.5, 4, 0.01)]))
-    position = np.stack([time, time**2, 0 * time], -1)[:, None]
-    quaternion = Rotation.from_rotvec(time[:, None] * [0, 0, 1]).as_quat()[:, None]
-    quaternion[50:] *= -1
-    ds = make_recording(time, position, quaternion=quaternion, pressure=[0, 1], pressure_time=[0, 1])
-    new = resample_time(ds, rate_hz=40, longest_gap_s=0.05)
-    assert np.allclose(np.diff(new["time"]), 0.025)
-    inside = (new["time"].values > 1.995) & (new["time"].values < 2.49)
-    assert np.isnan(new["position"].values[inside]).all()
-    assert np.isfinite(new["position"].values[~inside]).all()
-    np.testing.assert_allclose(new["position"].values[~inside, 0, 0], new["time"].values[~inside], atol=1e-12)
-    turned = Rotation.from_quat(new["quaternion"].values[~inside, 0]).as_rotvec()[:, 2]
-    wrapped = (new["time"].values[~inside] + np.pi) % (2 * np.pi) - np.pi
-    np.testing.assert_allclose(turned, wrapped, atol=1e-4)
-    assert f"{int(inside.sum())} points missing" in new.attrs["history"]
-    assert "pressure" in new
-    at = resample_time(ds, time=[0.5, 1.0], longest_gap_s=0.05)
-    assert at["position"].values[1, 0, 1] == pytest.approx(1.0)
-
-
-def test_the_pressure_comes_to_the_clock_of_the_shape(tmp_path, rng):
-    ds = pressure_on_shape_clock(body(ringing(0), rng))
-    np.testing.assert_array_equal(ds["pressure_time"], TIME)
-    np.testing.assert_allclose(ds["pressure"].values[150], 1e5)
-    read(write(ds, tmp_path / "a.csv"))
-
-
-def test_a_circle_is_resampled_to_within_ten_micrometres():
-    s = np.array([0, 0.011, 0.02, 0.033, 0.041, 0.052, 0.06, 0.071, 0.08, 0.093, 0.1])
-    kappa = np.linspace(5, 20, 30)[:, None]
-    circle = lambda s: np.stack([(1 - np.cos(kappa * s)) / kappa, np.sin(kappa * s) / kappa, 0 * kappa * s], -1)  # noqa: E731
-    position = circle(s)
-    position[3, 5] = np.nan
-    position[4, 4:7] = np.nan
-    ds = make_recording(np.arange(30), position, arc_length=s)
-    new = resample_arc_length(ds, spacing_mm=0.8)
-    assert new.sizes["station"] == 126
-    assert np.allclose(np.diff(new["arc_length"]), 0.0008)
-    filled = np.isfinite(new["position"].values).all(-1)
-    assert filled[3].all()
-    assert not filled[4].all()
-    whole = [t for t in range(30) if t not in (3, 4)]
-    np.testing.assert_allclose(new["position"].values[whole], circle(new["arc_length"].values)[whole], atol=1e-5)
-    assert f"{int((~filled).sum())} points missing" in new.attrs["history"]
-
-
-@pytest.mark.parametrize("options", [{"spacing_mm": 0}, {"spacing_mm": 500}, {"spacing_mm": np.nan}])
-def test_impossible_spacings_are_refused(options):
-    place = np.linspace(0, 0.1, 6)[:, None] * [1, 0, 0]
-    ds = make_recording([0, 1], np.broadcast_to(place, (2, 6, 3)))
-    with pytest.raises(InputError, match="spacing"):
-        resample_arc_length(ds, **options)
-    with pytest.raises(InputError, match="at least 4 stations"):
-        resample_arc_length(ds.isel(station=slice(0, 3)), spacing_mm=1)
-
-
-def test_times_that_cannot_be_resampled_are_refused():
-    ds = make_recording([0, 1], np.zeros((2, 1, 3)))
-    for options in ({}, {"rate_hz": 1, "time": [0]}, {"rate_hz": -1}, {"rate_hz": np.inf}, {"time": [1, 0]}):
-        with pytest.raises(InputError):
-            resample_time(ds, longest_gap_s=1, **options)
-
-
-def test_short_gaps_are_filled_on_request_and_counted():
-    position = np.stack([TIME, 2 * TIME, 0 * TIME], -1)[:, None].copy()
-    position[10:13] = np.nan
-    position[100:150] = np.nan
-    position[-1] = np.nan
-    ds = make_recording(TIME, position)
-    filled = fill_gaps(ds, longest_s=0.05)
-    np.testing.assert_allclose(filled["position"].values[11, 0], [0.11, 0.22, 0])
-    assert np.isnan(filled["position"].values).any(-1).sum() == 51
-    assert "filled 3 drop-out(s)" in filled.attrs["history"]
-    assert "51 are left" in filled.attrs["history"]
-    assert np.isnan(ds["position"].values[11]).all()
-    with pytest.raises(InputError, match="positive"):
-        fill_gaps(ds, longest_s=0)
-
-
-def test_repeated_frames_are_left_out_on_request(rng):
-    ds = body(ringing(0), rng)
-    ds["position"].values[1::2] = ds["position"].values[::2]
-    kept = drop_repeated_frames(ds)
-    assert kept.sizes["time"] == 500
-    assert kept.sizes["pressure_time"] == len(CLOCK)
-    assert "left out 500 of 1000 frames" in kept.attrs["history"]
-
-
 def test_orientations_of_a_symmetric_cluster_are_made_one(rng):
     turn = Rotation.from_rotvec(np.linspace(0, 1, 200)[:, None] * [0.6, 0, 0.8])
     symmetric = Rotation.from_euler("z", 120, degrees=True)
@@ -228,27 +138,6 @@ def test_a_jump_that_stays_is_no_reason_to_turn_half_the_recording():
     np.testing.assert_allclose(np.abs(fixed["quaternion"].values[:, 0, 3]), 1)
 
 
-@pytest.mark.parametrize("start", [0.0, 5.0, -3.0])
-def test_resampling_is_linear_between_sightings_that_are_near_enough(start, rng):
-    """Against a loop over stations and times; the new clock begins with the first frame and ends within the last."""
-    time = start + np.arange(50) / 25
-    place = rng.normal(size=(50, 3, 2))
-    place[rng.random((50, 3)) < 0.3] = np.nan
-    place[:, 2] = np.nan
-    made = resample_time(make_recording(time, place, frame="planar"), rate_hz=40, longest_gap_s=0.09)
-    new = start + np.arange(79) / 40
-    np.testing.assert_allclose(made["time"], new)
-    for s in range(3):
-        known = np.flatnonzero(np.isfinite(place[:, s, 0]))
-        for k, t in enumerate(new):
-            before, after = known[time[known] <= t + 1e-12], known[time[known] >= t - 1e-12]
-            if before.size and after.size and time[after[0]] - time[before[-1]] <= 0.09 + 1e-12:
-                near = [np.interp(t, time[known], place[known, s, axis]) for axis in range(2)]
-                np.testing.assert_allclose(made["position"][k, s], near, atol=1e-12)
-            else:
-                assert np.isnan(made["position"][k, s]).all()
-
-
 def test_the_common_course_leaves_out_stations_that_are_often_lost():
     time = np.arange(200) / 50
     course = np.sin(7 * time)
@@ -261,17 +150,6 @@ def test_the_common_course_leaves_out_stations_that_are_often_lost():
     assert np.std(found[seen]) == pytest.approx(np.std(course[seen]) * np.sqrt(1 + 4 + 0.25), rel=1e-9)
     with pytest.raises(InputError, match="in which every station is seen"):
         first_component(np.where(np.arange(200)[:, None] % 2 == [0, 1], values[:, :2], np.nan))
-
-
-def test_a_station_that_was_seen_twice_is_filled_between_and_nowhere_else():
-    place = np.full((6, 2, 2), np.nan)
-    place[1, 0], place[4, 0], place[2, 1] = [0.0, 1.0], [3.0, 4.0], [5.0, 5.0]
-    made = fill_gaps(make_recording(np.arange(6) * 0.01, place, frame="planar"), longest_s=0.031)
-    np.testing.assert_allclose(made["position"][1:5, 0], [[0, 1], [1, 2], [2, 3], [3, 4]])
-    assert np.isnan(made["position"][[0, 5], 0]).all()
-    assert np.isfinite(made["position"][:, 1, 0]).sum() == 1
-    assert "filled 2 drop-out(s)" in made.attrs["history"]
-    assert "7 are left" in made.attrs["history"]
 
 
 def test_clocks_of_tensions_and_motor_angles_are_compared_as_those_of_pressures():
