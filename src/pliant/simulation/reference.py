@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.compiler.choose import twin
 from pliant.equations import symbols
 from pliant.equations.chamber import share_out, slow_rates, torque_now
 from pliant.errors import SimulationError
@@ -19,6 +20,7 @@ from pliant.mechanics import Mechanics, mechanics_of
 from pliant.mechanics.springs import axial_springs_of, springs_of
 from pliant.model import Memory, Model, Valve
 from pliant.model.features import ALL, FIRST_ORDER, IN_SPACE, LAWS, SPRINGS, TENDONS, WALLS, Consumer
+from pliant.numerics.ldl import ldl_solve
 from pliant.simulation.drive import inputs_of, merge
 from pliant.simulation.inputs import Input
 from pliant.simulation.state import given_way
@@ -58,9 +60,10 @@ def solve_reference(
     for left, right in pairwise(corners):
         due = np.flatnonzero((times > left) & (times <= right))
         ask = np.unique(np.append(times[due], right))
-        rhs = right_hand_side(model, inputs, left, right)
+        rhs, jacobian = right_hand_side(model, inputs, left, right)
         solution = solve_ivp(
-            rhs, (left, right), y, method=method, t_eval=ask, rtol=rtol, atol=atol, events=softest(model),
+            rhs, (left, right), y, method=method, t_eval=ask, rtol=rtol, atol=atol, jac=jacobian,
+            events=softest(model),
         )
         if solution.status == 1:
             lost = given_way(model, solution.y_events[0][0][rows.phi], 1e-6)
@@ -162,10 +165,17 @@ def layout(model: Model) -> StateLayout:
     )
 
 
+Valves = Callable[[int, float, Array], tuple[float, Array, Array]]  # pressure, rates, Jacobian of a chamber's valve
+
+
 def right_hand_side(
     model: Model, inputs: Sequence[Input], left: float, right: float,
-) -> Callable[[float, Array], Array]:
-    """Return the function for the time derivative of the solver's states between two breakpoints of the input."""
+) -> tuple[Callable[[float, Array], Array], Callable[[float, Array], Array] | None]:
+    """Return the functions for the time derivative of the solver's states and for its Jacobian.
+    They are valid between two breakpoints of the input.
+
+    The Jacobian is None for models with creep, viscoelastic lag, inflation or tendons: the solver then approximates it.
+    """
     rows = layout(model)
     chain = mechanics_of(model)
     body, joints, scratch = chain.parts()
@@ -175,7 +185,7 @@ def right_hand_side(
     chambers = [(c.kernel(), part) for c, part in zip(model.chambers, rows.chambers, strict=True)]
     slack = 1e-9 * (right - left)
 
-    def valve(c: int, t: float, y: Array) -> tuple[float, Array]:
+    def valve(c: int, t: float, y: Array) -> tuple[float, Array, Array]:
         behind = model.chambers[c].valve
         u = float(inputs[c](min(max(t, left + slack), right - slack) - behind.dead_time))
         return behind_valve(behind, u, y[rows.chambers[c].p : rows.chambers[c].dp + 1])
@@ -184,7 +194,7 @@ def right_hand_side(
         phi, w = y[rows.phi].copy(), y[rows.w].copy()
         moved = []
         for c, (law, part) in enumerate(chambers):
-            p, rates = valve(c, t, y)
+            p, rates, _ = valve(c, t, y)
             chamber_torque, slow_rates = torque_and_rates(law, p, y[part.slow], y[part.stretch])
             share_out(c, chamber_torque, gain, torque)
             moved += [rates, *slow_rates]
@@ -196,7 +206,9 @@ def right_hand_side(
         power = (torque[: model.size] + pull) @ turning, joints.D @ turning**2 - rub @ turning
         return np.concatenate([w, a, *moved, crept, [*power, *lost]])
 
-    return rhs
+    if rows.remembers or model.actuation.remembers or model.actuation.tendons:
+        return rhs, None
+    return rhs, jacobian_of(model, valve)
 
 
 def crept_springs(chain: Mechanics, memory: Memory, phi: Array, states: Array) -> tuple[Any, Array, list[float]]:
@@ -232,19 +244,56 @@ def torque_and_rates(
     return float(torque_now(p, late, y, own)), (0.0 * slow + slow_rate, 0.0 * wall + growth)
 
 
-def behind_valve(valve: Valve, u: float, state: Array) -> tuple[float, Array]:
-    """Return the pressure [Pa] behind a valve under a command u [Pa], and the rates of the valve's state: of the
-    pressure and of its rate.
+def jacobian_of(model: Model, valve: Valves) -> Callable[[float, Array], Array]:
+    """Return a function for the exact Jacobian of the solver's states, for models without creep, lag or inflation."""
+    n, rows, gain = model.size, layout(model), model.actuation.gain
+    body, joints, scratch = mechanics_of(model).parts()
+    solve = twin(ldl_solve)
+    differentiate = mechanics_of(model).acceleration_jacobian()
+    out = symbols.Slopes(np.empty(n), np.empty((n, n)), np.empty((n, n)))
+    T = mechanics_of(model).to_joints  # to the angles and rates of joints
+    share = gain @ T  # of a torque, on each absolute angle
+
+    def jacobian(t: float, y: Array) -> Array:
+        behind = [valve(c, t, y) for c in range(len(gain))]
+        torques = model.actuation.torques([p for p, _, _ in behind])
+        torque = np.zeros(n)
+        for c, chamber_torque in enumerate(torques):
+            share_out(c, chamber_torque, gain, torque)
+        phi, w = y[:n].copy(), y[n : 2 * n].copy()
+        differentiate(phi, w, torque, body, joints, scratch, out)
+        J = np.zeros((y.size, y.size))
+        J[:n, n : 2 * n] = np.eye(n)
+        J[n : 2 * n, :n] = out.a_phi.T
+        J[n : 2 * n, n : 2 * n] = out.a_w.T
+        J[-2:, n : 2 * n] = torques @ share, 2.0 * (joints.D * (T @ w)) @ T
+        for c, (p, _, by_valve) in enumerate(behind):
+            if by_valve.any():
+                column = rows.chambers[c].p
+                push = share[c] * model.chambers[c].law_slope(p)
+                J[-2, column] = push @ w
+                solve(scratch.A, push)
+                J[n : 2 * n, column] = push
+                J[column : column + 2, column : column + 2] = by_valve
+        return J
+
+    return jacobian
+
+
+def behind_valve(valve: Valve, u: float, state: Array) -> tuple[float, Array, Array]:
+    """Return the pressure [Pa] behind a valve under a command u [Pa], and the rates and Jacobian of the valve's state.
+    The state holds the pressure and its rate.
     """
     p, dp = state
     if valve.natural_frequency:
         omega = 2.0 * np.pi * valve.natural_frequency
         drag = 2.0 * valve.damping_ratio * omega
-        return p, np.array([dp, omega * omega * (u - p) - drag * dp])
+        slopes = np.array([[0.0, 1.0], [-omega * omega, -drag]])
+        return p, np.array([dp, omega * omega * (u - p) - drag * dp]), slopes
     if not (valve.rise_time or valve.fall_time or valve.rise_rate or valve.fall_rate):
-        return u, np.zeros(2)
+        return u, np.zeros(2), np.zeros((2, 2))
     lag = max(valve.rise_time if u >= p else valve.fall_time, SHORTEST_LAG)
     limit = (valve.rise_rate if u >= p else valve.fall_rate) or np.inf
     if abs(u - p) > limit * lag:
-        return p, np.array([np.copysign(limit, u - p), 0.0])
-    return p, np.array([(u - p) / lag, 0.0])
+        return p, np.array([np.copysign(limit, u - p), 0.0]), np.zeros((2, 2))
+    return p, np.array([(u - p) / lag, 0.0]), np.array([[-1.0 / lag, 0.0], [0.0, 0.0]])
