@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.preprocessing.glitches import input_glitches, leave_out_glitches
+from pliant.preprocessing.glitches import AROUND, input_glitches, leave_out_glitches, usual_steps
 from pliant.preprocessing.quality import quality
 from pliant.recording import make_recording
 
@@ -91,3 +91,10 @@ def test_samples_without_a_value_are_no_glitches():
     values = pouches()
     values[60 * EVERY : 61 * EVERY, 1] = np.nan
     assert not input_glitches(log(values))
+
+
+@pytest.mark.parametrize("count", [1, 6, 7, 12, 13, 14, 200])
+def test_the_usual_step_is_the_median_of_the_steps_around_it(count):
+    size = np.random.default_rng(count).integers(0, 40, count) * 0.1
+    plain = [np.median([size[j] for j in range(count) if abs(j - k) <= AROUND]) for k in range(count)]
+    assert np.array_equal(usual_steps(size), plain)

@@ -71,6 +71,7 @@ SPATIAL_AXIAL: dict[Any, Any] = {  # those of a chain in space
     memory.relax: spatial_extension_memory.relax_all, memory.follow_change: spatial_extension_memory.follow_all,
 }
 MOST_TURNS = 24  # coordinates of a step in space as straight-line code: 24 take 4 s to compile, 30 take 6 s
+MOST_DUAL_TURNS = 12  # the same on dual numbers: 7 take 2.6 s, 10 take 6 s, 18 take 13 s; a step with loops takes 11 s
 
 
 class Family(NamedTuple):
@@ -92,8 +93,8 @@ class Family(NamedTuple):
 def family_of(links: int, segments: int, turns: int, tendons: int, axial: int, reading: str) -> Family:
     """Return the family of a chain, of the sizes that `twin` takes."""
     remembers = bool(axial & trace.REMEMBERS)
-    if turns > 1:  # straight-line code on dual numbers takes minutes to compile
-        lines = links * turns + segments <= MOST_TURNS and reading != "_duals"
+    if turns > 1:
+        lines = links * turns + segments <= (MOST_DUAL_TURNS if reading == "_duals" else MOST_TURNS)
         return Family(lines, space=True, tendons=tendons > 0, remembers=remembers)
     most = MOST_LINKS if segments else STRAIGHT_LINKS
     return Family(links + segments <= most, lengthens=segments > 0, remembers=remembers)

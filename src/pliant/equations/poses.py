@@ -147,16 +147,17 @@ def largest_of(values):
     return largest
 
 
-def settle(torque, body, joints, work, found, K):
+def settle(torque, body, joints, work, found, K, rounds):
     """Move the pose found.at (N,) to the static equilibrium under `torque` (N + R,): N torques [N m], then the inputs
     [N] of R tendons. Write the stiffness there to K. Return 1 if the equilibrium is stable, else 0.
 
-    found.last (N,) and found.run (R, n + 1) are the pose before and its slip directions. Newton's method; a move that
-    increases the residual is halved. Returns 0 also where no equilibrium is found.
+    found.last (N,) and found.run (R, n + 1) are the pose before and its slip directions. Newton's method, with at most
+    `rounds` iterations; a move that increases the residual is halved. Returns 0 also where no equilibrium is found.
+    found.push (N,) receives the net force at the last pose; with 0 rounds, that at the given one.
     """
     x, push, move = found.at, found.push, found.move
     forces_after(x, torque, found, body, joints, work, push)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         before = largest_of(push)
         stiffness_at(x, torque, found, body, joints, work, K)
         stiffest = 0.0
@@ -192,7 +193,7 @@ def reach(torque, before, parts, body, joints, work, found, K):
     for part in range(parts):
         for i in range(len(torque)):
             found.torque[i] = before[i] + (part + 1.0) / parts * (torque[i] - before[i])
-        good = good * settle(found.torque, body, joints, work, found, K)
+        good = good * settle(found.torque, body, joints, work, found, K, ROUNDS)
     return good
 
 

@@ -56,7 +56,7 @@ def changed_chambers(
     from there where the same values were applied before.
     """
     named, changed = owners(model), []
-    shared = {k: v for k, v in values.items() if "." not in k}
+    shared = {k: v for k, v in values.items() if "." not in k and of_chamber(k)}
     if model.actuation.count > 1:
         shared = {k: v for k, v in shared.items() if not is_gain(k)}
     for chamber in model.chambers:

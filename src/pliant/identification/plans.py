@@ -10,7 +10,7 @@ import numpy as np
 from pliant.equations.symbols import Joints, MemoryLaw
 from pliant.identification.parameters import apply, of_the_model
 from pliant.mechanics import Mechanics, mechanics_of
-from pliant.model import Model, Station
+from pliant.model import ActuationInput, Model, Station
 from pliant.simulation import equilibrium
 from pliant.simulation.chamber_course import row_of
 from pliant.simulation.drive import Drive, Layout
@@ -28,6 +28,7 @@ class ModelAt(NamedTuple):
     points: dict[str, Station]  # observable points by name
     torques: dict[bytes, Array]  # cache of `torque_before`, by pressure
     rows: dict[bytes, Array]  # cache of `chambers`, by pressure
+    parts: dict[Any, Any]  # `Plans.parts`
     resting: dict[bytes, Array]  # cache of `at_rest`, by pressure
     beside: dict[tuple[str, ...], Array]  # cache of `places`, by station names
     carriers: dict[tuple[str, ...], Mechanics]  # cache of `carrying`, by station names
@@ -47,11 +48,19 @@ class ModelAt(NamedTuple):
         """
         key = pressure.tobytes()
         if key not in self.rows:
-            rows = [row_of(c, float(p)) for c, p in zip(self.model.chambers, pressure, strict=True)]
+            rows = [self.row(c, p) for c, p in zip(self.model.chambers, pressure.tolist(), strict=True)]
             self.rows[key] = np.zeros((len(rows), max(row.size for row in rows)))
             for filled, row in zip(self.rows[key], rows, strict=True):
                 filled[: row.size] = row
         return self.rows[key]
+
+    def row(self, chamber: ActuationInput, pressure: float) -> Array:
+        """Return the constants (k,) of a chamber at `pressure` [Pa], which models with the same chamber share."""
+        key = (row_of, chamber.key, pressure)
+        if key not in self.parts:
+            self.parts[key] = row_of(chamber, pressure)
+        row: Array = self.parts[key]
+        return row
 
     def places(self, stations: tuple[str, ...]) -> Array:
         """Return the coordinates (3, S) [m] of S stations relative to their links: along the link, across it in the
@@ -89,7 +98,7 @@ class Plans:
         self.models: dict[Any, ModelAt] = {}
         self.drives: dict[Any, Drive] = {}
         self.layouts: dict[Any, Layout] = {}
-        self.parts: dict[Any, Any] = {}  # chambers and hysteresis, by the values of their parameters
+        self.parts: dict[Any, Any] = {}  # chambers, their constants and hysteresis, by the values of their parameters
         self.slopes: dict[Any, Any] = {}  # derivatives that recordings share, at one set of values: `sensitivity`
         self.poses: dict[Any, Any] = {}  # of a body that is held, see `held_pose.pose_through`
 
@@ -103,7 +112,8 @@ class Plans:
             m = apply(model, dict(model_values), self.parts)
             points = {p.name: p for p in m.points}
             chain = mechanics_of(m)
-            self.models[key] = ModelAt(m, chain.body, chain.joints, m.memory.law(), points, {}, {}, {}, {}, {})
+            constants = chain.body, chain.joints, m.memory.law()
+            self.models[key] = ModelAt(m, *constants, points, {}, {}, self.parts, {}, {}, {})
         return self.models[key]
 
     def forget(self, most: int) -> None:

@@ -19,7 +19,7 @@ from pliant.compiler.trace import CURVED, FRICTION, TURNS, spatial_workspace
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z
-from pliant.equations.poses import forces_after, settle
+from pliant.equations.poses import ROUNDS, settle
 from pliant.equations.symbols import SpatialBody, SpatialHeld, SpatialJoints, SpatialWorkspace
 from pliant.errors import SimulationError
 from pliant.mechanics import springs
@@ -373,13 +373,11 @@ class SpatialChain(SpatialNaming, Mechanics):
 
     def static_forces(self, x: Array, torque: Array) -> Array:
         check_lengths(self, x=x, torque=torque)
-        arguments = (x, torque, *self.body, *self.joints)
-        kind = complex if any(np.iscomplexobj(value) for value in arguments) else float
-        body, joints = (of_kind(record, kind) for record in (self.body, self.joints))
-        forces = np.zeros(self.size, dtype=kind)
-        static = twin(tendon.forces_at_rest)
-        static(of_kind(x, kind), of_kind(torque, kind), body, joints, self.workspace(kind), forces)
-        return forces
+        body, joints, pose, inputs = (of_kind(value, complex) for value in (self.body, self.joints, x, torque))
+        found = settling(0, self.size, torque.size, self.no_loads())._replace(at=pose, last=pose)
+        twin(settle)(inputs, body, joints, self.workspace(complex), found, found.K[0], 0)  # the kernel of `equilibrium`
+        real = not any(np.iscomplexobj(value) for value in (x, torque, *self.body, *self.joints))
+        return found.push.real if real else found.push
 
     def static_slope(self, x: Array, load: Array | None = None, torque: Array | None = None) -> Array:
         still = np.zeros(input_length(self)) if torque is None else torque
@@ -404,11 +402,11 @@ class SpatialChain(SpatialNaming, Mechanics):
         work, stable = self.workspace(complex), 0.0
         full = of_kind(torque, complex)
         settled.load[:] = load
-        twin(forces_after)(settled.at, full, settled, body, joints, work, settled.push)
+        twin(settle)(full, body, joints, work, settled, settled.K[0], 0)  # the net force on the unloaded shape
         for share in GROWING if settled.push.any() else GROWING[-1:]:  # without force, the unloaded shape is in balance
             settled.load[:] = share * load
             part = body._replace(gx=share * body.gx, gy=share * body.gy, gz=share * body.gz)
-            stable = twin(settle)(of_kind(share * torque, complex), part, joints, work, settled, settled.K[0])
+            stable = twin(settle)(of_kind(share * torque, complex), part, joints, work, settled, settled.K[0], ROUNDS)
         q = settled.at.real.copy()
         if not stable > 0.0:
             raise SimulationError(BUCKLES)

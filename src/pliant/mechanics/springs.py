@@ -127,6 +127,8 @@ class Springs:
         NaN where they cannot.
         """
         x = np.asarray(torque / self.K)
+        if not x.any():  # as before a recording's first pulse, in every evaluation of a fit
+            return x
         if not self.terms[1:].any() and not self.bound.any():
             root = 1.0 + 4.0 * self.terms[0] * x
             with np.errstate(invalid="ignore"):

@@ -80,7 +80,7 @@ def excursions(values: NDArray) -> list[tuple[int, int]]:
     if len(level) < FEWEST:
         return []
     step = np.diff(level)
-    usual = np.array([np.median(np.abs(step[max(k - AROUND, 0) : k + AROUND + 1])) for k in range(len(step))])
+    usual = usual_steps(np.abs(step))
     usually = max(float(np.ptp(np.percentile(of, [5, 95]))) for of in (level, values[rows]))
     lasting = LONGEST * float(np.median(np.diff(first)))
     leaps = np.flatnonzero(np.abs(step) > np.maximum(LEAP * usual, OF_RANGE * usually))
@@ -95,6 +95,18 @@ def excursions(values: NDArray) -> list[tuple[int, int]]:
                 spans.append((int(first[k + 1]), int(first[m + 1])))
                 break
     return spans
+
+
+def usual_steps(size: NDArray) -> NDArray:
+    """Return the median (P,) of each of P step sizes and of the `AROUND` steps before and after it, fewer at the
+    ends.
+    """
+    from scipy.ndimage import median_filter
+
+    usual = np.asarray(median_filter(size, 2 * AROUND + 1))
+    for k in {*range(min(AROUND, size.size)), *range(max(size.size - AROUND, 0), size.size)}:
+        usual[k] = np.median(size[max(k - AROUND, 0) : k + AROUND + 1])
+    return usual
 
 
 def bridged(time: NDArray, values: NDArray, spans: list[tuple[int, int]]) -> NDArray:
