@@ -424,8 +424,8 @@ def verdict_of(
                   "most parameters of the body changed")  # fmt: skip
         return "another arm", f"Another arm: {reason}. Identify it anew, from these start values."
     if change.names:
-        listed = join_words([m.sentence for m in moves if m.name in change.names])
-        return "changed body", f"The body changed: {listed}.{change.caution}"
+        listed = join_words([c.sentence for c in change.changes])
+        return "changed body", f"The body changed: {listed}, in a fit whose body is free.{change.caution}"
     better = sum(e.before for e in errors) > PLAIN * sum(e.after for e in errors)
     if mounting and better:
         moved = f"The same arm, mounted anew: {mounting} moved; no parameter of the body did."
