@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pliant.adaptation.adapt import common_factor, parts_of_day, verdict_of
+from pliant.adaptation.adapt import common_factor, verdict_of
 from pliant.adaptation.change import BodyChange
+from pliant.adaptation.day import parts_of_day
 from pliant.adaptation.mounting import (
     COMMON,
     COMMON_GAIN,
