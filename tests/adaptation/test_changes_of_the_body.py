@@ -78,7 +78,12 @@ def test_the_joint_that_changed_is_named(factor):
     day = fitted(known, {"stiffness_2": factor})
     earlier = iter([{"stiffness_3": 1.05}, {"stiffness_3": 1.1}, {"stiffness_3": 1.08}])
     found = body_change(known, day, lambda: [0, 1, 2], lambda _exp: fitted(known, next(earlier)))
-    assert found == BodyChange(("stiffness_2",), most=False, compared=3)
+    assert found[:3] == (("stiffness_2",), False, 3)
+    (change,) = found.changes
+    assert (change.name, change.before, change.unit) == ("stiffness_2", 2.0, "N m/rad")
+    assert change.after == pytest.approx(2.0 * factor)
+    assert change.deviations == pytest.approx((factor - 1.0) / np.hypot(0.02, 0.03), rel=0.02)
+    assert change.sentence.startswith(f"stiffness_2 2 to {2.0 * factor:.4g} N m/rad ({'+' if factor > 1 else '-'}11 sd")
 
 
 def test_what_earlier_recordings_show_too_is_no_change_of_the_body():
@@ -87,6 +92,15 @@ def test_what_earlier_recordings_show_too_is_no_change_of_the_body():
     earlier = iter([{"stiffness_1": s, "damping": d} for s, d in ((0.82, 1.25), (0.78, 1.3), (0.81, 1.33))])
     found = body_change(known, day, lambda: [0, 1, 2], lambda _exp: fitted(known, next(earlier)))
     assert found == BodyChange((), most=False, compared=3)
+
+
+def test_a_change_is_counted_from_what_earlier_recordings_show_too():
+    known = posterior()
+    day = fitted(known, {"stiffness_2": 0.6, "damping": 1.3})
+    earlier = iter([{"damping": d} for d in (1.28, 1.3, 1.32)])
+    found = body_change(known, day, lambda: [0, 1, 2], lambda _exp: fitted(known, next(earlier)))
+    assert [c.name for c in found.changes] == ["stiffness_2"]
+    assert found.changes[0].after == pytest.approx(1.2)
 
 
 def test_without_earlier_recordings_the_verdict_says_so():
@@ -105,7 +119,11 @@ def test_all_joints_together_are_one_change_and_most_parameters_another_arm():
     known = posterior()
     day = fitted(known, dict.fromkeys(JOINTS, 1.4))
     found = body_change(known, day, lambda: [0, 1], lambda _exp: fitted(known, {}))
-    assert found == BodyChange(("stiffness",), most=False, compared=2)
+    assert found[:3] == (("stiffness",), False, 2)
+    (change,) = found.changes
+    assert change.after == pytest.approx(1.4)
+    assert change.deviations == pytest.approx(0.4 / (np.hypot(0.02, 0.03) / 3**0.5))  # of three joints
+    assert change.sentence == "stiffness of every joint, as a factor, 1 to 1.4 (+19 sd)"
     assert not body_change(known, day, list, lambda _exp: None).most  # the joints count as one
     broad = posterior((*JOINTS, "damping", "torque_1", "base_angle"))
     other = fitted(broad, dict.fromkeys(broad.body.names, 1.5))

@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pliant.adaptation.adapt import common_factor, parts_of_day, verdict_of
+from pliant.adaptation.adapt import common_factor, verdict_of
 from pliant.adaptation.change import BodyChange
+from pliant.adaptation.day import parts_of_day
 from pliant.adaptation.mounting import (
     COMMON,
     COMMON_GAIN,
@@ -161,6 +162,35 @@ def test_several_robots_tell_the_spread_of_their_kind():
     assert kind.body.std["stiffness"] == pytest.approx(spread)
     one = of_a_kind(robots[:1], 0.5)
     assert one.body.std["stiffness"] == pytest.approx(np.sqrt((0.5 * 0.8) ** 2 + 0.01**2 + 0.016**2))
+
+
+def test_the_gains_of_an_input_in_space_turn_as_one_vector():
+    gains = {"stiffness": 1.0, "a.gain_x": 0.03, "a.gain_y": -0.4, "b.gain_x": 0.2}
+    kind = of_a_kind([posterior_of(result(gains), set())], 0.1)
+    spread = np.hypot(0.03, 0.4) * 0.1
+    for name, size in (("a.gain_x", spread), ("a.gain_y", spread), ("b.gain_x", 0.1 * 0.2), ("stiffness", 0.1)):
+        doubt = 0.01**2 + (0.02 * gains[name]) ** 2
+        assert kind.body.std[name] == pytest.approx(np.sqrt(size**2 + doubt)), name
+
+
+def test_scatter_between_the_recordings_of_a_robot_is_no_difference_between_robots():
+    found = result({"stiffness": 1.0, "damping": 0.1})
+    scattered = found.covariance._replace(between=np.diag([0.25, 0.01]))
+    other = posterior_of(replace(found, covariance=scattered), set())
+    assert other.body.std["stiffness"] == pytest.approx(np.sqrt(0.01**2 + 0.02**2 + 0.25))  # on another day
+    kind = of_a_kind([other], 0.1)
+    assert kind.body.std["stiffness"] == pytest.approx(np.sqrt(0.01**2 + 0.02**2 + 0.1**2))
+
+
+def test_robots_whose_studies_list_parameters_in_another_order():
+    first = posterior_of(result({"stiffness": 1.0, "damping": 0.1}), set())
+    turned = result({"damping": 0.1, "stiffness": 1.0})
+    turned = posterior_of(replace(turned, covariance=turned.covariance._replace(matrix=np.diag([4.0, 9.0]))), set())
+    assert turned.body.names == ("damping", "stiffness")
+    kind = of_a_kind([first, turned], 0.1)
+    spread = np.array([0.1 * 1.0, 0.1 * 0.1]) ** 2
+    np.testing.assert_allclose(np.diag(kind.body.covariance) - spread,
+                               [(0.01**2 + 9.0) / 2 + 0.02**2, (0.01**2 + 4.0) / 2 + 0.002**2])  # fmt: skip
 
 
 def moving(seconds: float, **options: object) -> Experiment:

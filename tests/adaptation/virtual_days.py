@@ -45,6 +45,7 @@ class Arm:
     azimuth: float
     torque: float  # of a unit gain, N m/Pa
     space: bool
+    midsegment: bool = False  # whether joints lie in the middles of their segments, else at their starts
 
     @classmethod
     def drawn(cls, seed: int, space: bool) -> Arm:
@@ -58,13 +59,14 @@ class Arm:
     def model(self, links: int, gain: float = 1.0) -> Model:
         """The arm with six links, or a start of the model with three."""
         per, true = links // 3, links == 6
-        stations = tuple(Station(n, (k + 1) * per - 1, self.length / links) for k, n in enumerate(NAMES))
+        along = self.length / links * (0.5 if self.midsegment else 1.0)
+        stations = tuple(Station(n, (k + 1) * per - 1, along) for k, n in enumerate(NAMES))
         torque = [gain * self.torque]
         gains = self.gains if true else np.ones(3)
         form = {"stiffening": self.stiffening} if true else {}
         common = {"length": self.length, "mass": self.mass, "links": links, "damping": self.damping * per,
                   "stiffness": np.repeat(self.stiffness if true else np.full(3, self.stiffness.mean()), per) * per,
-                  "stations": stations, **form}  # fmt: skip
+                  "stations": stations, "joint_placement": "midsegment" if self.midsegment else "base", **form}
         if not self.space:
             return chain_model(**common, torque=torque, joint_gain=gains, gravity=[0.0, -9.81])
         angles = self.azimuth + np.array([0.0, 1.9])

@@ -79,11 +79,13 @@ def test_a_tilted_base_is_found_and_the_body_stays(arm, tmp_path):
     assert any("may.csv" in text for text in found["provenance"].values())
 
 
+@pytest.mark.slow
 def test_the_same_arm_in_the_same_mounting(arm, tmp_path):
     found = adapted(arm, day(tmp_path / "may.csv", body()), tmp_path / "new")["adaptations"]["adapted"]
     assert found["verdict"] == "same arm", found["sentence"]
 
 
+@pytest.mark.slow
 def test_a_softer_body_is_named(arm, tmp_path):
     softer = body().with_(stiffness=0.35)
     found = adapted(arm, day(tmp_path / "may.csv", softer), tmp_path / "new")
@@ -93,6 +95,7 @@ def test_a_softer_body_is_named(arm, tmp_path):
     assert found["fits"]["adapted"]["parameters"]["stiffness"]["value"] == pytest.approx(0.35, rel=0.15)
 
 
+@pytest.mark.slow
 def test_another_sensor_is_a_common_gain_and_no_other_body(arm, tmp_path):
     found = adapted(arm, day(tmp_path / "may.csv", body(), gain=1.08), tmp_path / "new")["adaptations"]["adapted"]
     assert found["moves"]["common_gain"]["after"] == pytest.approx(1 / 1.08, rel=0.02)
@@ -100,6 +103,7 @@ def test_another_sensor_is_a_common_gain_and_no_other_body(arm, tmp_path):
     assert "torque_1" not in found["changed"]
 
 
+@pytest.mark.slow
 def test_days_follow_each_other(arm, tmp_path):
     source = arm
     for k in range(2):
@@ -109,6 +113,7 @@ def test_days_follow_each_other(arm, tmp_path):
     assert len(json.loads((source / "study.json").read_text())["adapt"]) == 2
 
 
+@pytest.mark.slow
 def test_a_study_adapts_its_fit_to_another_day(tmp_path):
     day(tmp_path / "may.csv", body(), tilt=TILT)
     content = changed("adapt", value={"recordings": ["may"], "seconds": 1.6})
@@ -153,6 +158,7 @@ def test_a_stated_spread_is_the_width_of_the_prior(arm, tmp_path):
     assert std == pytest.approx([0.05 * 0.5, 0.3 * 0.5], rel=0.15)  # and the doubt of the first robot
 
 
+@pytest.mark.slow
 def test_a_warm_up_is_simulated_but_not_compared(arm, tmp_path):
     recording = day(tmp_path / "may.csv", body(), tilt=TILT)
     rows = recording.read_text().splitlines()

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
 from pliant.adaptation.change import BodyChange, body_change, freed, released_names
+from pliant.adaptation.day import DayParts, check_day, part_like
+from pliant.adaptation.form import mounting_of_earlier, with_error_of_form
 from pliant.adaptation.mounting import COMMON, COMMON_GAIN, mounting_parameters, of_mounting
 from pliant.adaptation.posterior import FROM_DAY_TO_DAY, Posterior, by_joint
 from pliant.adaptation.result import FAR, Adaptation, DayError, Move, Verdict
-from pliant.errors import InputError
 from pliant.failures import FAILED
-from pliant.identification.drives import at_rest
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import FitResult, fit, predict_held_out
 from pliant.identification.identifiability import join_words
@@ -27,11 +27,9 @@ Array = np.ndarray
 Notify = Callable[[str], None]
 MOST_ROUNDS = 3  # of releasing parameters of the body from their prior
 EVALUATIONS, TOLERANCE = 60, 1e-4  # of a search; the change of the cost at which it ends is far below its doubt
-LEAST_FRAMES = 10
 MOST_FACTOR = 4.0  # by which a positive parameter of the body may change
 STRAINED = 2.5  # standard deviations of the wide priors of the mounting
 MOST_JOINTS = 6  # of a chain whose joints are judged one by one
-LEAST_MOTION = 0.003  # of the body's length
 SEEN = 0.25  # of the prior's variance left, below which the recordings determine a direction of the mounting
 PLAIN = 1.15  # error before over error after: a smaller gain is no new mounting, whatever the statistics say
 CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
@@ -40,94 +38,6 @@ WORSE_REST = 1.05  # of the error on the rest of the day: a larger one refutes a
 TOLD = 0.05  # logarithm of a common factor on the gains, from which the verdict mentions it
 LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
 WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
-
-
-class DayParts(NamedTuple):
-    """Recordings of a day: the seconds to fit, and what judges the fit."""
-
-    fitted: tuple[Experiment, ...]
-    judged: tuple[Experiment, ...]
-
-    @property
-    def seconds(self) -> float:
-        """Return the duration [s] of the motion to fit, without warm-ups."""
-        return float(sum(np.ptp(e.time) - e.warm_up for e in self.fitted))
-
-
-def parts_of_day(experiments: Sequence[Experiment], seconds: float) -> DayParts:
-    """Divide recordings of a day into the first `seconds` of motion, and the rest.
-
-    A recording under measured inputs is cut where the seconds end; the rest of it is simulated from its beginning and
-    compared from there on. Other recordings are used whole. The seconds count from the first frame, warm-up included.
-
-    Raises
-    ------
-    InputError
-        When the seconds hold no motion, or too few frames.
-    """
-    fitted: list[Experiment] = []
-    judged: list[Experiment] = []
-    left = seconds
-    for exp in experiments:
-        duration = float(np.ptp(exp.time))
-        if left <= 0 and fitted:
-            judged.append(exp)
-        elif exp.excitation != "trace" or duration <= left:
-            fitted.append(exp)
-        else:
-            first, rest = cut(exp, left)
-            fitted.append(first)
-            judged += rest
-        left -= duration
-    return DayParts(tuple(fitted), tuple(judged))
-
-
-def cut(exp: Experiment, seconds: float) -> tuple[Experiment, list[Experiment]]:
-    """Return the first `seconds` of an experiment under measured inputs and, if it is long enough, the rest of it."""
-    early = exp.time <= exp.time[0] + seconds
-    if np.count_nonzero(early & ~exp.warming) < LEAST_FRAMES:
-        warm = f" after the warm-up of {exp.warm_up:g} s" if exp.warm_up else ""
-        raise InputError(f"recording {exp.name} has {np.count_nonzero(early & ~exp.warming)} frames in its first "
-                         f"{seconds:g} s{warm}, and a fit needs {LEAST_FRAMES}: state more seconds")  # fmt: skip
-    try:
-        first = exp.of_frames(early)
-    except InputError as error:
-        raise InputError(f"the first {seconds:g} s cannot be used: {error}") from None
-    if np.count_nonzero(~early) < LEAST_FRAMES:
-        return exp, []
-    name = f"{exp.name}_rest"
-    if exp.poses:
-        return first, [replace(exp.of_frames(~early), name=name)]
-    after = float(exp.time[np.flatnonzero(~early)[0]] - exp.time[0])
-    return first, [replace(exp, name=name, warm_up=max(after, exp.warm_up))]
-
-
-def check_day(old: FitResult, day: DayParts) -> None:
-    """Raise InputError if recordings of a day do not move, or lack inputs or stations of the fitted model."""
-    model = old.model
-    known = {p.name for p in model.points}
-    for exp in day.fitted:
-        if strange := [s for s in exp.stations if s not in known]:
-            raise InputError(f"recording {exp.name} shows the station {strange[0]!r}, which the fitted model does not "
-                             f"have ({', '.join(sorted(known))}): it is of another arm, or its stations need the "
-                             "names of the study")  # fmt: skip
-        if exp.without_positions != old.turns:
-            holds, wanted = ("angles alone", "positions") if old.turns < exp.without_positions else (
-                "positions", "angles alone")  # fmt: skip
-            raise InputError(f"recording {exp.name} holds {holds}, but the model was fitted to {wanted}: use a "
-                             "recording of the same kind")  # fmt: skip
-        if exp.drives and (idle := at_rest(model, exp)):
-            raise InputError(f"recording {exp.name} lacks an input of the fitted model: {idle} Name the recorded "
-                             "input in drive")  # fmt: skip
-        if exp.excitation == "trace" and exp.pressure is not None and not np.ptp(exp.pressure.pressure):
-            raise InputError(f"the input of recording {exp.name} stays at {exp.pressure.pressure[0]:g} throughout, "
-                             "although the arm moves: name the column of the input that moved it")  # fmt: skip
-    least = LEAST_MOTION * model.length
-    moving = [e for e in day.fitted if e.without_positions or e.travel >= least]
-    if not moving:
-        raise InputError(f"the first {day.seconds:.3g} s of {day.fitted[0].name} hold no motion: the tip moves by "
-                         f"{1e3 * max(e.travel for e in day.fitted):.2g} mm, less than {100 * LEAST_MOTION:g} % of the "
-                         "body's length; state more seconds, or use a recording in which the arm moves")  # fmt: skip
 
 
 class AdaptModelOptions(TypedDict, total=False):
@@ -176,7 +86,8 @@ def adapt_model(
     usual : float, optional
         RMS error [m; angles: rad] of the earlier model; default: the median of its training recordings.
     earlier : callable, optional
-        Returns recordings of the earlier fit, with which a change of the body is compared; default: none.
+        Returns recordings of the earlier fit. Fitted as the day is, they show by how much errors of the model's form
+        move the mounting and the body; default: none.
     progress : callable, optional
         Called with a line of text after each fit.
 
@@ -196,11 +107,17 @@ def adapt_model(
     change = BodyChange()
     if how["kind"]:
         return judged(old, posterior, day, result, change, kind=True)
+
+    def fit_alike(exp: Experiment) -> FitResult:
+        part = part_like(exp, old, day)
+        return fitted_day(posterior, part, posterior.prior.widened(released), settings(part))
+
+    moves = mounting_of_earlier(how["earlier"], fit_alike)
     try:
         change, posterior, result = with_change(old, posterior, day, (result, released), how, settings)
     except FAILED as error:  # the fit with a free body; the adapted one stands
         notify(f"warning: whether the body changed is unknown: {error}")
-    return judged(old, posterior, day, result, change, kind=False)
+    return judged(old, posterior, day, with_error_of_form(result, moves), change, kind=False)
 
 
 def with_change(
@@ -214,12 +131,9 @@ def with_change(
     separate = by_joint(posterior, FROM_DAY_TO_DAY, MOST_JOINTS)
 
     def fit_freed(part: DayParts) -> FitResult:
-        check_day(old, part)
         return fitted_day(separate, part, separate.prior.widened(freed(separate)), settings(part))
 
-    duration = sum(float(np.ptp(e.time)) for e in day.fitted)
-    change = body_change(separate, fit_freed(day), how["earlier"],
-                         lambda exp: fit_freed(parts_of_day([exp], duration)))  # fmt: skip
+    change = body_change(separate, fit_freed(day), how["earlier"], lambda exp: fit_freed(part_like(exp, old, day)))
     notify(f"adapt: {change.sentence}")
     where = posterior if set(change.names) <= {*posterior.body.names, "stiffness"} else separate
     names = {*released, *released_names(where, change.names)}
@@ -424,8 +338,8 @@ def verdict_of(
                   "most parameters of the body changed")  # fmt: skip
         return "another arm", f"Another arm: {reason}. Identify it anew, from these start values."
     if change.names:
-        listed = join_words([m.sentence for m in moves if m.name in change.names])
-        return "changed body", f"The body changed: {listed}.{change.caution}"
+        listed = join_words([c.sentence for c in change.changes])
+        return "changed body", f"The body changed: {listed}, in a fit whose body is free.{change.caution}"
     better = sum(e.before for e in errors) > PLAIN * sum(e.after for e in errors)
     if mounting and better:
         moved = f"The same arm, mounted anew: {mounting} moved; no parameter of the body did."

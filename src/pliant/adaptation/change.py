@@ -25,6 +25,24 @@ MOST_EARLIER = 6  # recordings that are fitted for this comparison
 RELEASED = 0.5  # of a parameter's size: standard deviation of a parameter of the body that is released
 
 
+class Change(NamedTuple):
+    """A change of the body: the value (SI) of a parameter `before` and `after`, and by how many standard deviations of
+    the difference it changed. The name "stiffness" may stand for that of every joint; both values are then factors.
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    deviations: float
+
+    @property
+    def sentence(self) -> str:
+        """Return the change as a phrase, such as "stiffness 0.5 to 0.4 N m/rad (-12 sd)"."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.name} {self.before:.4g} to {self.after:.4g}{unit} ({self.deviations:+.0f} sd)"
+
+
 class BodyChange(NamedTuple):
     """What a fit with a free body says about it.
 
@@ -36,11 +54,14 @@ class BodyChange(NamedTuple):
         Whether more than two, and more than half of all parameters, changed.
     compared : int
         Number of earlier recordings with which the change was compared; -1 if nothing called for it.
+    changes : tuple of Change
+        By how much they changed, as the fit with a free body shows it beyond the earlier recordings.
     """
 
     names: tuple[str, ...] = ()
     most: bool = False
     compared: int = -1
+    changes: tuple[Change, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -94,16 +115,40 @@ def body_change(
             moves.append(move_of(posterior, fit_alike(exp)))
         except FAILED:  # such as a recording whose first seconds hold no motion
             continue
-    if not moves:
+    if moves:
+        shift, scatter = shift_and_scatter(np.array(moves))
+        move, doubt = move - shift, doubt + scatter
+        changed = stepwise(move, doubt, directions, FAR)
+    else:
         far = np.abs(move) > FAR * np.sqrt(np.diag(doubt))
         changed = tuple(n for n, f in zip(names, far, strict=True) if f)
-    else:
-        shift, scatter = shift_and_scatter(np.array(moves))
-        changed = stepwise(move - shift, doubt + scatter, directions, FAR)
     joints = set(joints_of(posterior.model)) & set(names)
     laws = len(names) - max(len(joints) - 1, 0)  # the joints count as one
     apart = {"stiffness" if n in joints else n for n in changed}
-    return BodyChange(changed, len(apart) > max(2, 0.5 * laws), len(moves))
+    return BodyChange(changed, len(apart) > max(2, 0.5 * laws), len(moves),
+                      changes_of(posterior, changed, move, doubt))  # fmt: skip
+
+
+def changes_of(posterior: Posterior, changed: Sequence[str], move: Array, covariance: Array) -> tuple[Change, ...]:
+    """Return by how much the named directions changed: the generalised least-squares fit of a move (P,) with the given
+    covariance (P, P).
+    """
+    if not changed:
+        return ()
+    directions, means = directions_of(posterior), posterior.body.means
+    units = {p.name: p.unit for p in posterior.parameters}
+    size = np.sqrt(np.diag(covariance))
+    A = np.stack([directions[n] for n in changed], axis=1) / size[:, None]
+    W = np.linalg.inv(covariance / np.outer(size, size))
+    spread = np.linalg.pinv(A.T @ W @ A, rcond=1e-9, hermitian=True)
+    changes = []
+    for k, (name, part) in enumerate(zip(changed, spread @ A.T @ W @ (move / size), strict=True)):
+        deviations = float(part / np.sqrt(spread[k, k]))
+        before = means.get(name, 1.0)
+        after = before + float(part) * (abs(before) or 1.0)
+        changes.append(Change(name if name in means else f"{name} of every joint, as a factor,", units.get(name, "1"),
+                              before, after, deviations))  # fmt: skip
+    return tuple(changes)
 
 
 def spaced(recordings: Sequence[Experiment], most: int) -> list[Experiment]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from pliant.adaptation.mounting import COMMON_GAIN, common_gain, of_mounting
 from pliant.errors import InputError
 from pliant.identification.fit import FitResult
 from pliant.identification.joint_prior import JointPrior
+from pliant.identification.names import find_path
 from pliant.identification.parameters import OF_A_RECORD, Parameter
 from pliant.model import Model
 
@@ -120,12 +121,17 @@ def gaussian_of(result: FitResult, free: Sequence[Parameter]) -> JointPrior:
 
 
 def scatter_of(result: FitResult, free: Sequence[Parameter]) -> Array | None:
-    """Return the scatter (P, P) of P free parameters between the recordings of a fit, SI; None if it is unknown."""
+    """Return the scatter (P, P) of P free parameters between the recordings of a fit, SI; None if it is unknown. It is
+    0 for parameters that the recordings do not determine.
+    """
     covariance = result.covariance
     if covariance is None or covariance.between is None:
         return None
     index = [covariance.names.index(p.name) for p in free]
-    return np.asarray(covariance.between[np.ix_(index, index)])
+    matrix = covariance.between[np.ix_(index, index)].copy()
+    lost = np.asarray(covariance.hidden, dtype=bool)[index]
+    matrix[lost], matrix[:, lost] = 0.0, 0.0
+    return np.asarray(matrix)
 
 
 def of_a_kind(robots: Sequence[Posterior], spread: float) -> Posterior:
@@ -137,23 +143,47 @@ def of_a_kind(robots: Sequence[Posterior], spread: float) -> Posterior:
         One or more. Parameters that not all of them have free keep the posterior of the first.
     spread : float
         Standard deviation between robots of one kind, as a fraction of each parameter, where there are fewer than
-        three robots.
+        three robots. Of the two gains of an input in space it is a fraction of their root sum of squares: a tendon that
+        pulls along one axis may pull a little across it in another robot.
     """
     first = robots[0]
     names = [n for n in first.body.names if all(n in r.body.names for r in robots)]
     values = np.array([[r.body.means[n] for n in names] for r in robots])
     mean = values.mean(axis=0)
-    sizes = {p.name: p.scale for p in first.parameters}
-    between = np.diag([(spread * max(abs(m), 0.1 * sizes[n])) ** 2 for n, m in zip(names, mean, strict=True)])
+    scales = {p.name: p.scale for p in first.parameters}
+    sizes = vector_sizes(dict(zip(names, mean, strict=True)))
+    between = np.diag([(spread * max(sizes[n], 0.1 * scales[n])) ** 2 for n in names])
     if len(robots) > 2:
         between = np.diag(np.maximum(values.var(axis=0, ddof=1) * (1.0 + 1.0 / len(robots)), 1e-6 * np.diag(between)))
-    within = np.mean([r.body.of(names).covariance for r in robots], axis=0)
-    body = JointPrior(tuple(n for n in first.body.names if n in names), mean, within + between)
+    within = np.mean([doubt_of(r, names) for r in robots], axis=0)
+    body = JointPrior(tuple(names), mean, within + between)
     placed = first.body.means | body.means
     return replace(first, body=body, between=None, parameters=tuple(
         p.with_(value=placed[p.name]) if p.name in body.names else p.with_(free=False) if p.free else p
         for p in first.parameters
     ))  # fmt: skip
+
+
+def doubt_of(robot: Posterior, names: Sequence[str]) -> Array:
+    """Return the covariance (N, N) of N parameters of a robot's body by name, without the scatter between its own
+    recordings: that is no difference between robots.
+    """
+    index = [robot.body.names.index(n) for n in names]
+    matrix = robot.body.covariance if robot.between is None else robot.body.covariance - robot.between
+    return np.asarray(matrix[np.ix_(index, index)])
+
+
+def vector_sizes(values: Mapping[str, float]) -> dict[str, float]:
+    """Return the magnitude (SI) of each parameter by name; of the gains of an input about two axes, which turn as one
+    vector, their root sum of squares.
+    """
+    def squared(name: str) -> float:
+        path = find_path(name)
+        across = {"gain_x": "gain_y", "gain_y": "gain_x"}.get(path.stem) if path else None
+        other = values.get(f"{path.owner}.{across}" if path and path.owner else across or "", 0.0)
+        return values[name] ** 2 + other**2
+
+    return {name: squared(name) ** 0.5 for name in values}
 
 
 def joints_of(model: Model) -> list[str]:

@@ -50,14 +50,6 @@ class Move(NamedTuple):
         return abs(self.after - self.before) > 3.0 * doubt**0.5
 
 
-    @property
-    def sentence(self) -> str:
-        """Return the change as a phrase, such as "stiffness 0.5 to 0.4 N m/rad (-12 sd)"."""
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        size = "" if self.moved is None else f" ({self.moved:+.0f} sd)"
-        return f"{self.name} {self.before:.4g} to {self.after:.4g}{unit}{size}"
-
-
 class DayError(NamedTuple):
     """RMS error of one recording of the new day under the earlier and the adapted model, and the day's peak
     displacement, m; rad of angles alone.
