@@ -13,10 +13,12 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.files import regular_file
 from pliant.recording import read, readers
+from pliant.recording.column_names import PERHAPS_A_PLACE
 from pliant.recording.mapping import options_of, refuse_idle
 from pliant.recording.mat import trials_of
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
 from pliant.recording.rules import shape_variable
+from pliant.recording.schema import history_of
 from pliant.sensing import read_shape
 from pliant.study.column_guess import MILLIMETRES, TableGuess, extent, guessed_table, refuse_bodies_in_rows
 
@@ -144,9 +146,15 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
             both = f"; {shape.name} has {other.name} already" if shape is not None and other is not None else ""
             raise InputError(f"{log.name} holds inputs alone, and a study needs the shape too: add the recording to "
                              f"which it belongs, with a similar name, such as push_3.csv for push_3_log.csv{both}, or "
-                             "name its positions in a mapping")
+                             f"name its positions in a mapping{perhaps_a_place(log, options)}")
         pairs[shape] = pairs[shape]._replace(log=log, log_options=options or None)
     return [part for pair in in_folders([*pairs.values()]) for part in by_trial(pair)]
+
+
+def perhaps_a_place(log: Path, options: dict[str, Any]) -> str:
+    """Return the line of the history of a log that names columns which may be a place, if there is one."""
+    lines = history_of(read(log, mapping=options or None))
+    return "".join(f" ({line})" for line in lines if line.startswith(PERHAPS_A_PLACE))
 
 
 def in_folders(pairs: list[WithLog]) -> list[WithLog]:
