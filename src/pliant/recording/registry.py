@@ -263,6 +263,8 @@ def _check_exists(path: Path) -> None:
         where = clipped(str(path), 200)
         raise InputError(f"cannot read a recording from {where}: {error.strerror or error}") from None
     what = "this is a folder, not a file" if path.is_dir() else "there is no such file"
+    if path.is_dir() and (bags := sorted(f.name for f in path.iterdir() if f.suffix in (".mcap", ".db3"))):
+        what += f" (nor a whole ROS 2 bag, which has {BAG_METADATA}): give the file in it, such as {bags[0]}"
     raise InputError(f"cannot read a recording from {path}: {what}")
 
 
