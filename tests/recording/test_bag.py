@@ -87,7 +87,7 @@ def test_topics_are_chosen_by_name_and_plain_numbers_by_unit(tmp_path):
 def test_a_cut_bag_is_refused(tmp_path):
     path = bag(tmp_path / "bag", StoragePlugin.MCAP)
     path.write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(InputError, match=r"states 3000 bytes of whole records and an end \(its size\), but only \d+ of"):
+    with pytest.raises(InputError, match=r"states 3000 bytes of whole records and an end \(its size\), but "):
         read(path)
 
 
@@ -220,7 +220,7 @@ def test_a_recording_without_an_end_is_whole_and_named(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n\x01", b"\x89MCAP0\r\n" + bytes(400)])
 def test_a_cut_recording_without_a_record_is_refused(tmp_path, content):
     (tmp_path / "take.mcap").write_bytes(content)
-    with pytest.raises(InputError, match="take.mcap"):
+    with pytest.raises(InputError, match=r"take\.mcap"):
         read(tmp_path / "take.mcap", mapping={"incomplete": True})
 
 
