@@ -197,4 +197,4 @@ def test_a_draft_names_the_unit_before_the_alignment(tmp_path, monkeypatch):
     assert trial.problem == "the base moves by 3 m"  # millimetres are recognised by their range, and the draft says so
     columns[:, 2:] *= 1e3
     trial = inspect_trial(write_recording(tmp_path / "b.csv", columns))
-    assert "implausible for a soft body: check the unit of length. Then: the base moves by 3 m" in trial.problem
+    assert "in the mapping, or correct the positions. Then: the base moves by 3 m" in trial.problem

@@ -278,9 +278,10 @@ def unread_columns(names: Sequence[str], file: str) -> list[str]:
 
 def unitless_pressures(names: Iterable[str]) -> list[str]:
     """Return the names of columns that say pressure and no unit, such as ``pressure_left``; not those of set points,
-    supplies and the atmosphere.
+    supplies and the atmosphere, nor those of temperatures beside others.
     """
-    return [name for name in names if PRESSED.fullmatch(name) and not NOT_INSIDE.fullmatch(name)]
+    pressed = [name for name in names if PRESSED.fullmatch(name) and not NOT_INSIDE.fullmatch(name)]
+    return [name for name in pressed if not {"temp", "temperature"} & {*words_of(name)}] or pressed
 
 
 def pressures_named(names: Sequence[str], unit: str, file: str) -> tuple[list[str], list[str]]:

@@ -72,8 +72,8 @@ def table_lines(
         if line.startswith(COMMENTS[1:]):
             lines[k] = "#" + line.lstrip("%/")
     stated = delimiter is not None
-    for step in (names_above, one_delimiter, one_row_of_names, without_rows_below, without_comments,
-                 with_units_of_cells, without_separators):  # fmt: skip
+    for step in (names_above, one_delimiter, one_row_of_names, without_rows_below, without_events, without_comments,
+                 with_units_of_cells, without_separators, without_copies):  # fmt: skip
         first = first_row(lines, preamble_of(lines) if skip_lines is None else skip_lines)
         if first >= len(lines):
             break
@@ -228,7 +228,8 @@ def without_rows_below(lines: list[str], first: int, mark: str | None, name: str
     if len(rows) < 2:
         return []
     width = count_cells(lines[rows[0]], mark)
-    begins = split_cells(lines[rows[0]], mark)[0].lower()
+    begins = [split_cells(lines[row], mark)[0] for row in rows[:2]]  # the first may hold units
+    timed = any(is_number(cell) or ":" in cell for cell in begins)
     for k in rows[1:][-MOST_BELOW:]:
         if lines[k][:1].isdigit():
             continue
@@ -237,13 +238,47 @@ def without_rows_below(lines: list[str], first: int, mark: str | None, name: str
             continue
         label = cells[0].lower().rstrip(":.")
         alone = len(cells) != width and is_named(cells)
-        if (label in SUMMARIES and (is_number(begins) or ":" in begins)) or alone:
+        if (label in SUMMARIES and timed) or alone:
             below = [row for row in rows if row >= k]
             for row in below:
                 lines[row] = ""
             where = f"from line {k + 1} on, which begins with {cells[0][:40]!r}"
             return [f"{len(below)} row(s) below the table of {name} are left out, {where}"]
     return []
+
+
+def without_events(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Leave out rows of words between the rows of a table, such as EVENT, valve open: at least half of their cells are
+    blank, none is a number, and the first word has no digit, as a time has.
+    """
+    rows = following(lines, first)
+    if mark is None or len(rows) < 3 or not is_data(lines[rows[0]], mark, width := count_cells(lines[first], mark)):
+        return []
+    events = []
+    for k in rows:
+        if lines[k][:1].isdigit():
+            continue
+        words = [cell for cell in split_cells(lines[k], mark) if cell]
+        worded = bool(words) and 2 * len(words) <= width and not any(c.isdigit() for c in words[0])
+        events += [k] if worded and not any(map(is_number, words)) else []
+    return blanked(lines, events, f"{name} hold words between its rows of numbers")
+
+
+def without_copies(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Rename the columns that repeat the name of another and have the same cells in every row, so that they are not
+    read.
+    """
+    names = split_cells(lines[first], mark)
+    if mark is None or not is_named(names) or not (repeated := set(repeated_names(names)) - {""}):
+        return []
+    columns = [*zip(*(split_cells(lines[k], mark) for k in following(lines, first)), strict=False)]
+    copies = {k: names.index(title) for k, title in enumerate(names[: len(columns)])
+              if title in repeated and k > names.index(title) and columns[k] == columns[names.index(title)]}  # fmt: skip
+    if not copies:
+        return []
+    lines[first] = joined([f"copy_{copies[k]}" if k in copies else title for k, title in enumerate(names)], mark)
+    return [f"{len(copies)} column(s) of {name} repeat another by name and in every row, and are left out: "
+            f"{', '.join(names[k][:40] for k in copies)}"]
 
 
 def is_data(line: str, mark: str | None, width: int) -> bool:

@@ -54,15 +54,15 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
         return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
     shown = shape_variable(recording)
     shape = bool(shown) or "strain" in recording
-    wrong_scale = not stated and too_large(recording)
+    unfit = not stated and (too_large(recording) or named_by_a_path(recording))
     if shown == "angle" and (directed := curved(path, stated)):
         return directed
     if recording.sizes.get("station") == 1 and shown == "position":
         refuse_bodies_in_rows(path, stated)
-    if shape and not wrong_scale and (shown != "position" or {"pressure", "actuation", "strain"} & set(recording)):
+    if shape and not unfit and (shown != "position" or {"pressure", "actuation", "strain"} & set(recording)):
         return FirstReading(recording, {})
     guess = guessed_table(path, stated)
-    if guess is None or (shape and not (guess.has_inputs or guess.trials or wrong_scale)) or "select" in stated:
+    if guess is None or (shape and not (guess.has_inputs or guess.trials or unfit)) or "select" in stated:
         return FirstReading(recording, {})
     return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
 
@@ -81,6 +81,11 @@ def too_large(recording: xr.Dataset) -> bool:
         return False
     position = recording["position"].values
     return max(extent(position[..., axis]) for axis in range(position.shape[-1])) > MILLIMETRES
+
+
+def named_by_a_path(recording: xr.Dataset) -> bool:
+    """Return whether a station has a dot in its name, as in field.pose, by which no parameter can be named."""
+    return "station" in recording.dims and any("." in str(name) for name in recording["station"].values)
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
