@@ -272,13 +272,13 @@ def without_copies(lines: list[str], first: int, mark: str | None, name: str) ->
     if mark is None or not is_named(names) or not (repeated := set(repeated_names(names)) - {""}):
         return []
     columns = [*zip(*(split_cells(lines[k], mark) for k in following(lines, first)), strict=False)]
-    copies = {k: names.index(title) for k, title in enumerate(names[: len(columns)])
-              if title in repeated and k > names.index(title) and columns[k] == columns[names.index(title)]}  # fmt: skip
+    firsts = {k: names.index(title) for k, title in enumerate(names[: len(columns)]) if title in repeated}
+    copies = {k: begin for k, begin in firsts.items() if k > begin and columns[k] == columns[begin]}
     if not copies:
         return []
     lines[first] = joined([f"copy_{copies[k]}" if k in copies else title for k, title in enumerate(names)], mark)
-    return [f"{len(copies)} column(s) of {name} repeat another by name and in every row, and are left out: "
-            f"{', '.join(names[k][:40] for k in copies)}"]
+    listed = ", ".join(names[k][:40] for k in copies)
+    return [f"{len(copies)} column(s) of {name} repeat another by name and in every row, and are left out: {listed}"]
 
 
 def is_data(line: str, mark: str | None, width: int) -> bool:

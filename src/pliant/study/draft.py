@@ -36,7 +36,6 @@ from pliant.study.inspected import Inspected, inspect_all
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial
 
-
 TIMES = "unit of time"  # name of a check of plausibility
 
 
