@@ -246,8 +246,9 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
             if abs(best.drift) > LONGEST_DRIFT:
                 warnings.append(f"a drift of {100 * best.drift:.2g} % is larger than between real clocks: check the "
                                 "stated rates")
-    return Delay(best.delay - zero * (1.0 + best.drift), best.uncertainty, best.drift, best.drift_uncertainty if best.drift else 0.0,
-                 best.explained, best.frequency, best.damping, tuple(warnings), word)
+    return Delay(best.delay - zero * (1.0 + best.drift), best.uncertainty, best.drift,
+                 best.drift_uncertainty if best.drift else 0.0, best.explained, best.frequency, best.damping,
+                 tuple(warnings), word)
 
 
 def check_fit(best: Fitted, rival: Fitted | None, largest_s: float | None) -> None:

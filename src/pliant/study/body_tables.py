@@ -150,8 +150,8 @@ class ActuatorEntry(PartTable):
         if len(links) != count or min(links) < 1:
             raise ValueError(f"segment_links needs one number of links for each of the {count} segments, got {links}")
         if self.links not in (None, sum(links)):
-            raise ValueError(f"links = {self.links} cannot be divided among the {count} segments: remove links, or state "
-                             "segment_links = [...], the links of each, whose sum is links")
+            raise ValueError(f"links = {self.links} cannot be divided among the {count} segments: remove links, or "
+                             "state segment_links = [...], the links of each, whose sum is links")
         self.length, self.segment_links, self.links = length, links, sum(links)
         return self
 
