@@ -138,3 +138,17 @@ def test_a_temperature_beside_pressures_is_none(names: list[str], expected: list
     from pliant.recording.column_names import unitless_pressures
 
     assert unitless_pressures(names) == expected
+
+
+def test_a_second_table_with_other_columns_is_not_joined_by_leaving_out_its_names(tmp_path: Path) -> None:
+    lines = rows(12, "{t:.1f},{k}.5,2.5,3.5,1.25").splitlines()
+    for names in ("time,force,,,", "zeit,kraft,,,", "force,,,,"):
+        text = "\n".join([WIDE, *lines, names, *lines, ""])
+        with pytest.raises(InputError, match="is not a number"):
+            read(written(tmp_path, text))
+
+
+def test_rows_labelled_by_a_word_at_first_and_then_by_numbers_are_data(tmp_path: Path) -> None:
+    labels = ("rise", *("1" for _ in range(5)), *("max" for _ in range(6)))
+    text = "".join(f"{label},{0.1 * k:.1f},{k},2.5,3.5,1.25\n" for k, label in enumerate(labels))
+    assert read(written(tmp_path, f"phase,{WIDE}\n{text}")).sizes["time"] == 12

@@ -188,7 +188,7 @@ def turning_angles(sensors: Mapping[str, NDArray], file: str) -> tuple[NDArray, 
     history, motions = [], {name: _turn(values, name, file) for name, values in sensors.items()}
     angles = np.column_stack([angle for angle, _ in motions.values()])
     turned = np.nanmax(angles, axis=0) - np.nanmin(angles, axis=0)
-    for s, (name, (_, aside)) in enumerate(motions.items()):
+    for name in motions:
         by_gravity = sensors[name].shape[1] == 3
         source = "direction of gravity" if by_gravity else "orientation"
         history.append(f"angle of {clipped(name, 40)} in the plane of its motion, from its {source}, 0 in its first "
@@ -211,9 +211,9 @@ def _out_of_plane(shares: Mapping[str, float], sensors: Mapping[str, NDArray], f
     listed = ", ".join(f"{clipped(name, 40)} {100 * aside:.0f} %" for name, aside in shares.items())
     mounted = hanging(sensors, file)
     axes = ", ".join(f"{json.dumps(name)} = {json.dumps(one)}" for name, one in mounted.get("axes", {}).items())
-    return [f"{WARNING}the body leaves a plane, and rotation about other axes is left out ({listed}): for a body in "
-            f"space that hangs in the first frames, state in its mapping inclination = {{ down = [0.0, 0.0, 1.0], axes = "
-            f"{{ {axes} }} }}"]  # fmt: skip
+    said = (f"{WARNING}the body leaves a plane, and rotation about other axes is left out ({listed}): for a body in "
+            "space that hangs in the first frames, state in its mapping inclination = { down = [0.0, 0.0, 1.0], ")
+    return [f"{said}axes = {{ {axes} }} }}"]
 
 
 def _turn(values: NDArray, name: str, file: str) -> tuple[NDArray, float]:

@@ -5,7 +5,7 @@ counted in a sentence, and the lines keep their numbers.
 from __future__ import annotations
 
 import re
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from pliant.recording.column_names import is_time
@@ -228,8 +228,8 @@ def without_rows_below(lines: list[str], first: int, mark: str | None, name: str
     if len(rows) < 2:
         return []
     width = count_cells(lines[rows[0]], mark)
-    begins = [split_cells(lines[row], mark)[0] for row in rows[:2]]  # the first may hold units
-    timed = any(is_number(cell) or ":" in cell for cell in begins)
+    unit_row = is_units_row(split_cells(lines[first], mark), split_cells(lines[rows[0]], mark))
+    begins = split_cells(lines[rows[1 if unit_row else 0]], mark)[0].lower()
     for k in rows[1:][-MOST_BELOW:]:
         if lines[k][:1].isdigit():
             continue
@@ -238,7 +238,7 @@ def without_rows_below(lines: list[str], first: int, mark: str | None, name: str
             continue
         label = cells[0].lower().rstrip(":.")
         alone = len(cells) != width and is_named(cells)
-        if (label in SUMMARIES and timed) or alone:
+        if (label in SUMMARIES and (is_number(begins) or ":" in begins)) or alone:
             below = [row for row in rows if row >= k]
             for row in below:
                 lines[row] = ""
@@ -249,19 +249,28 @@ def without_rows_below(lines: list[str], first: int, mark: str | None, name: str
 
 def without_events(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
     """Leave out rows of words between the rows of a table, such as EVENT, valve open: at least half of their cells are
-    blank, none is a number, and the first word has no digit, as a time has.
+    blank, none is a number or names a time, and the times go on behind them.
     """
-    rows = following(lines, first)
-    if mark is None or len(rows) < 3 or not is_data(lines[rows[0]], mark, width := count_cells(lines[first], mark)):
+    rows, width = following(lines, first), count_cells(lines[first], mark)
+    if mark is None:
         return []
-    events = []
-    for k in rows:
-        if lines[k][:1].isdigit():
-            continue
-        words = [cell for cell in split_cells(lines[k], mark) if cell]
-        worded = bool(words) and 2 * len(words) <= width and not any(c.isdigit() for c in words[0])
-        events += [k] if worded and not any(map(is_number, words)) else []
+    events, before = [], ""
+    for k, after in pairwise(rows):
+        cells = split_cells(lines[k], mark)
+        words = [cell for cell in cells if cell]
+        if is_data(lines[k], mark, width):
+            before = cells[0]
+        elif before and 2 * len(words) <= width and not any(is_number(c) or is_time(c) for c in words) \
+                and not words[0][:1].isdigit() and goes_on(before, split_cells(lines[after], mark)[0]):
+            events.append(k)
     return blanked(lines, events, f"{name} hold words between its rows of numbers")
+
+
+def goes_on(before: str, cell: str) -> bool:
+    """Return whether a cell holds a time, or number, that is not before that in another."""
+    if is_number(before) and is_number(cell):
+        return float(cell.replace(",", ".")) >= float(before.replace(",", "."))
+    return ":" in before and ":" in cell
 
 
 def without_copies(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
