@@ -114,9 +114,7 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     if find_spec("rosbags") is None:
         raise InputError(f"{path.name}: ROS 2 bags need rosbags, which is not installed: pip install 'pliant[ros]'")
     arrays, facts = read_apart("bag", path, "ROS 2 bag")
-    cut = [Stated("bytes of whole records and an end", "its size", *facts["cut"])] if "cut" in facts else []
-    if not facts["topics"]:
-        judge_stated(cut, path.name)  # the reason why there is no topic
+    cut = cut_short(facts, path.name)
     topics = {t["name"]: topic_of(t, arrays, options.clock) for t in facts["topics"]}
     unread = [f"topic {topic[:60]} cannot be read: {reason}" for topic, reason in facts["unread"].items()]
     stations = {} if options.angles or options.inclination else chosen(topics, options.topics, last_parts(
@@ -152,6 +150,16 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
             **arrays_of, **pressures_of(pressures, origin, options.pressure_unit, path.name),
             history=[*history, *transformed, *(f"{text}; it is left out" for text in unread), *findings],
         ), tuple(stated))  # fmt: skip
+
+
+def cut_short(facts: Mapping[str, Any], file: str) -> list[Stated]:
+    """Return the comparison of the size of a bag that was cut with its whole records; [] for another bag. Raise
+    InputError where these hold no topic.
+    """
+    cut = [Stated("bytes of whole records and an end", "its size", *facts["cut"])] if "cut" in facts else []
+    if not facts["topics"]:
+        judge_stated(cut, file)
+    return cut
 
 
 def last_parts(topics: Mapping[str, Topic]) -> dict[str, str]:
