@@ -176,8 +176,8 @@ EARLY = changed("alignment", "options", value={"base": "nobody"})
 
 @pytest.mark.parametrize("content", [EARLY, LATER], ids=["alignment", "experiment"])
 @pytest.mark.parametrize(("edit", "unit"), [
-    (in_millimetres, (r"recording low: all positions are within 12\d m, implausible for a soft body: check the unit "
-                      r"of length\. Then: ")),
+    (in_millimetres, (r"recording low: all positions are within 12\d m, implausible for a soft body: state "
+                      r"the unit, .*, or correct the positions\. Then: ")),
     (in_milliseconds, r"recording low: the frames are 10 s apart: were times in ms or us .* time_unit .*\. Then: "),
     (None, "(?!.*unit)"),
 ])
