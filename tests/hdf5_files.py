@@ -115,6 +115,23 @@ def write_mat73(path: Path, arrays: dict[str, np.ndarray]) -> Path:
     return path
 
 
+def refer(file: h5py.File, name: str, values: list, *, cell: bool = False) -> None:
+    """Store arrays, or structs of arrays (dicts), as MATLAB 7.3 stores a cell or one field of an array of structs."""
+    refs = file.require_group("#refs#")
+    rows = []
+    for value in values:
+        label = f"r{len(refs)}"
+        if isinstance(value, dict):
+            refs.create_group(label).attrs["MATLAB_class"] = np.bytes_("struct")
+        for key, array in value.items() if isinstance(value, dict) else [("", value)]:
+            refs[f"{label}/{key}".rstrip("/")] = np.asarray(array).T
+            refs[f"{label}/{key}".rstrip("/")].attrs["MATLAB_class"] = np.bytes_("double")
+        rows.append(refs[label].ref)
+    file[name] = np.array([rows], h5py.ref_dtype)
+    if cell:
+        file[name].attrs["MATLAB_class"] = np.bytes_("cell")
+
+
 def external_link(path: Path, name: str, secret: Path) -> None:
     """Replace a data set by a link to another HDF5 file."""
     with h5py.File(secret, "w") as other:

@@ -50,6 +50,27 @@ def test_the_offset_of_a_ringing_body_is_found_whatever_its_size(rng, delay):
     assert f"{1e3 * found.delay_s:+.1f}" in found.summary()
 
 
+@pytest.mark.parametrize(("begin", "logged"), [(1.771e9, 1.771e9), (0.0, 1.771e9), (1.771e9, 0.0)])
+def test_the_offset_is_found_where_clocks_count_since_1970(rng, begin, logged):
+    ds = body(ringing(0.137), rng)
+    plain = sync(ds, drift=True)
+    ds = shift_pressure(ds, logged)
+    ds = ds.assign_coords(time=("time", ds["time"].values + begin, ds["time"].attrs))
+    found = sync(ds, drift=True)
+    assert found.delay_s - (begin - logged) == pytest.approx(plain.delay_s, abs=1e-3)
+    assert 0 < found.uncertainty_s < 0.002
+    assert found.drift == plain.drift == 0.0
+
+
+def test_a_drift_is_found_where_clocks_count_since_1970(rng):
+    ds = shift_pressure(body(ringing(0.3), rng, noise=1e-6), 0.0, 1 / 1.002 - 1)
+    ds = shift_pressure(ds, 1.771e9).assign_coords(time=("time", ds["time"].values + 1.771e9, ds["time"].attrs))
+    found = sync(ds, drift=True)
+    assert found.drift == pytest.approx(0.002, abs=4 * found.drift_uncertainty)
+    moved = shift_pressure(ds, found.delay_s, found.drift)
+    np.testing.assert_allclose(moved["pressure_time"].values - 1.771e9, CLOCK + 0.3, atol=0.006)
+
+
 def test_the_lag_of_an_over_damped_body_is_not_taken_for_an_offset(rng):
     """A body whose response takes 0.4 s, first order: its correlation with the pressure is best 0.3 s late."""
     slow = np.zeros(len(TIME))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import h5py
 import hdf5_files
 import numpy as np
@@ -10,6 +12,7 @@ from scipy.io import savemat
 
 from pliant.errors import InputError
 from pliant.recording import read
+from pliant.recording.mat import trials_of
 
 TIME = np.arange(6) / 10
 POSITION = np.arange(6 * 2 * 3.0).reshape(6, 2, 3)
@@ -69,6 +72,69 @@ def test_what_matlab_73_holds_beside_numbers_is_named(tmp_path):
     line = next(line for line in ds.attrs["history"].split("\n") if "not used" in line)
     assert line.startswith("5 array(s) of a.mat were not used: ")
     assert set(line.partition("used: ")[2].split(", ")) == {"none", "name", "wave", "cell", "grid"}
+
+
+def trials_73(path: Path, kind: str, arrays: dict | None = None) -> Path:
+    """MATLAB 7.3 with two trials, the second shifted by 1 m: an array of structs, or a cell of structs."""
+    hdf5_files.write_mat73(path, arrays or {})
+    trials = [{"t": TIME[None], "position": POSITION + k} for k in range(2)]
+    with h5py.File(path, "r+") as file:
+        if kind == "cell":
+            hdf5_files.refer(file, "train", trials, cell=True)
+        else:
+            for field in ("t", "position"):
+                hdf5_files.refer(file, f"train/{field}", [trial[field] for trial in trials])
+    return path
+
+
+@pytest.mark.parametrize("kind", ["structs", "cell"])
+def test_structs_and_cells_of_matlab_73_are_read_as_those_of_older_versions(tmp_path, kind):
+    path = trials_73(tmp_path / "a.mat", kind)
+    for named in ("train(2)", "train{2}", "train[2]"):
+        ds = read(path, mapping={"struct": named})
+        np.testing.assert_array_equal(ds["position"], POSITION + 1)
+        np.testing.assert_array_equal(ds["time"], TIME)
+    mixed = read(path, mapping={"position": "train(1).position", "time": "train(2).t"})
+    np.testing.assert_array_equal(mixed["position"], POSITION)
+    with pytest.raises(InputError, match=r"a.mat holds 2 structs 'train': set struct = \"train\(1\)\""):
+        read(path)
+    with pytest.raises(InputError, match=r"a.mat has no struct 'train\(3\)'"):
+        read(path, mapping={"struct": "train(3)"})
+    assert list(trials_of(path, None)) == ["1", "2"]
+
+
+def test_a_cell_of_arrays_of_matlab_73_is_read_by_its_numbers(tmp_path):
+    path = hdf5_files.write_mat73(tmp_path / "a.mat", {"time": TIME[None]})
+    with h5py.File(path, "r+") as file:
+        hdf5_files.refer(file, "poses", [POSITION, POSITION + 1], cell=True)
+    np.testing.assert_array_equal(read(path, mapping={"position": "poses{2}"})["position"], POSITION + 1)
+
+
+@pytest.mark.parametrize("damage", ["structs", "cell", "shared", "itself", "nothing", "many", "labels"])
+def test_a_recording_of_matlab_73_stays_what_it_is_beside_structs_and_cells(tmp_path, damage):
+    arrays = {"time": TIME[None], "position": POSITION - 1}
+    path = trials_73(tmp_path / "a.mat", "cell" if damage == "cell" else "structs", arrays)
+    with h5py.File(path, "r+") as file:
+        refs = file["#refs#"]
+        if damage == "shared":
+            refs.create_group("one")["x"] = np.ones(3)
+            file["cell"] = np.array([refs["one"].ref] * 3, h5py.ref_dtype)
+            file["cell"].attrs["MATLAB_class"] = np.bytes_("cell")
+        elif damage == "itself":
+            group = refs.create_group("loop")
+            group["again"] = np.array([group.ref], h5py.ref_dtype)
+            group["again"].attrs["MATLAB_class"] = np.bytes_("cell")
+            file["cell"] = np.array([group.ref], h5py.ref_dtype)
+        elif damage == "nothing":
+            refs["gone"] = np.ones(3)
+            file["cell"] = np.array([refs["gone"].ref, h5py.Reference()], h5py.ref_dtype)
+            del refs["gone"]
+        elif damage == "many":
+            hdf5_files.refer(file, "cell", [np.ones(2)] * 300, cell=True)
+        elif damage == "labels":
+            hdf5_files.refer(file, "cell", [np.uint16([97, 98])] * 3, cell=True)
+    np.testing.assert_array_equal(read(path)["position"], POSITION - 1)
+    assert trials_of(path, None) == {}
 
 
 def test_strain_and_a_single_station(tmp_path):

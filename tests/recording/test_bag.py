@@ -87,7 +87,7 @@ def test_topics_are_chosen_by_name_and_plain_numbers_by_unit(tmp_path):
 def test_a_cut_bag_is_refused(tmp_path):
     path = bag(tmp_path / "bag", StoragePlugin.MCAP)
     path.write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(InputError, match=r"cannot be read as ROS 2 bag; it may be damaged"):
+    with pytest.raises(InputError, match=r"states 3000 bytes of whole records and an end \(its size\), but "):
         read(path)
 
 
@@ -173,3 +173,60 @@ def test_clouds_that_cannot_be_read_are_refused(kind, places, row_step, words):
     message.fields = fields_of(kind, places)
     with pytest.raises(apart_bag.Refused, match=words):
         apart_bag.cloud(message)
+
+
+def unchunked(path: Path) -> bytes:
+    """The records of an MCAP file with those of its chunks one by one, as a recorder writes them without chunks; not
+    its index.
+    """
+    content, begin, out = path.read_bytes(), 8, b"\x89MCAP0\r\n"
+    while content[begin] != 0x0F:  # the end of the data
+        size = 9 + int.from_bytes(content[begin + 1 : begin + 9], "little")
+        record = content[begin : begin + size]
+        if record[0] == 0x06:  # a chunk: times, size, checksum, then the compression, which is none, and the size again
+            assert record[9 + 28 : 9 + 32] == bytes(4)
+            out += record[9 + 40 :]
+        elif record[0] != 0x07:
+            out += record
+        begin += size
+    return out
+
+
+def test_a_recording_that_was_cut_is_read_up_to_its_last_whole_record_and_the_rest_counted(tmp_path):
+    path = bag(tmp_path / "bag", StoragePlugin.MCAP)
+    mapping = {"topics": {n: f"/mocap/{n}" for n in ("base", "tip")}, "pressure": {"a": "/valve/pressure"}}
+    whole, records = read(path, mapping=mapping), unchunked(path)
+    cut = tmp_path / "take.mcap"
+    cut.write_bytes(records[: len(records) - 4000])
+    with pytest.raises(InputError, match=r"take.mcap states \d+ bytes of whole records and an end \("):
+        read(cut, mapping=mapping)
+    rest = read(cut, mapping={**mapping, "incomplete": True})
+    count = rest.sizes["time"]
+    assert 30 < count < 60
+    np.testing.assert_array_equal(rest["position"], whole["position"][:count])
+    assert "bytes of whole records" in rest.attrs["history"]
+    cut.write_bytes(records[:-4000] + bytes(5000))  # the file system had reserved more
+    np.testing.assert_array_equal(read(cut, mapping={**mapping, "incomplete": True})["position"], rest["position"])
+
+
+def test_a_recording_without_an_end_is_whole_and_named(tmp_path):
+    path = bag(tmp_path / "bag", StoragePlugin.MCAP)
+    (tmp_path / "take.mcap").write_bytes(unchunked(path))
+    rest = read(tmp_path / "take.mcap", mapping={"pressure": {"a": "/valve/pressure"}, "incomplete": True})
+    assert rest.sizes["time"] == 60
+    assert "bytes of whole records and an end" in rest.attrs["history"]
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n\x01", b"\x89MCAP0\r\n" + bytes(400)])
+def test_a_cut_recording_without_a_record_is_refused(tmp_path, content):
+    (tmp_path / "take.mcap").write_bytes(content)
+    with pytest.raises(InputError, match=r"take\.mcap"):
+        read(tmp_path / "take.mcap", mapping={"incomplete": True})
+
+
+def test_the_folder_of_a_recording_that_was_cut_names_the_file_in_it(tmp_path):
+    path = bag(tmp_path / "bag", StoragePlugin.MCAP)
+    path.with_name("metadata.yaml").unlink()
+    with pytest.raises(InputError, match=rf"which has metadata.yaml\): give the file in it, such as {path.name}"):
+        read(path.parent)
+    assert read(path, mapping={"pressure": {"a": "/valve/pressure"}}).sizes["time"] == 60

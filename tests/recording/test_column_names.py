@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pliant import read
 from pliant.errors import InputError
 from pliant.recording.column_names import standard_names
+from pliant.study.first_reading import with_logs
 
 
 @pytest.mark.parametrize(("names", "expected", "unit"), [
@@ -72,6 +75,53 @@ def test_rotations_fields_and_angles_of_joints_are_no_places(places: str, others
 def test_a_french_article_is_no_set_point() -> None:
     names = ["t", "pression des tubes [kPa]", "consigne [kPa]"]
     assert standard_names(names, "a.csv").names == ["t", "p_kpa", "consigne [kPa]"]
+
+
+@pytest.mark.parametrize("names", [
+    "t soll_kPa -> t p_kpa",  # alone in a log, a set point is what is known
+    "t soll_a_kPa consigne_b_kPa -> t p_kpa_soll_a p_kpa_consigne_b",
+    "t x_tip y_tip soll_kPa -> t x_tip y_tip soll_kPa",  # the measured pressure may be in a log
+    "t tip_x tip_y soll_kPa P1_kPa -> t x_tip y_tip soll_kPa p_kpa",
+    "t tx ty tz target_psi -> t x_body y_body z_body target_psi",
+    "t soll_kPa pressure_left -> t soll_kPa pressure_left",  # measured, in a unit to be stated
+    "t soll_kPa chamber_abs_kPa -> t soll_kPa chamber_abs_kPa",  # measured, to become a gauge pressure
+    "t supply_kPa -> t supply_kPa", "t set_tank_kPa -> t set_tank_kPa", "t soll_kPa p_kpa -> t soll_kPa p_kpa",
+    "t soll_kPa CH2_kPa -> t soll_kPa p_kpa", "t soll_deg -> t soll_deg",
+])  # fmt: skip
+def test_a_set_point_is_the_pressure_only_of_a_log_without_another(names: str) -> None:
+    recorded, expected = (part.split() for part in names.split(" -> "))
+    assert standard_names(recorded, "a.csv").names == expected
+
+
+def written(path: Path, names: str) -> Path:
+    rows = [",".join(f"{0.01 * k + 0.1 * j:.2f}" for j, _ in enumerate(names.split())) for k in range(20)]
+    path.write_text("\n".join([names.replace(" ", ","), *rows, ""]))
+    return path
+
+
+@pytest.mark.parametrize(("names", "sentence"), [
+    ("t fx fy fz tx ty tz p_kpa", "tx, ty, tz of a.csv are the torques of a load cell or the place of a body"),
+    ("t x_tip y_tip soll_kPa", "'soll_kPa' of a.csv is a set point by its name, and is not read"),
+    ("t Fx Fy Fz Tx Ty Tz p_kpa", ""), ("t tx ty tz fx fy fz p_kpa", ""), ("t x_tip y_tip fx fy fz p_kpa", ""),
+    ("t x_tip y_tip supply_kPa", ""), ("t x_tip y_tip p_kpa", ""),
+])  # fmt: skip
+def test_columns_that_may_be_meant_are_named_with_the_entry_that_reads_them(tmp_path, names, sentence):
+    recording = read(written(tmp_path / "a.csv", names))
+    lines = [line for line in recording.history.splitlines() if "if nothing measured" in line or "if a place" in line]
+    assert len(lines) == bool(sentence)
+    assert all(line.startswith(sentence) for line in lines)
+    assert ("position" in recording) == ("x_tip" in names or names.startswith("t tx"))
+
+
+def test_the_entries_named_for_such_columns_read_them(tmp_path):
+    path = written(tmp_path / "a.csv", "t fx fy fz tx ty tz soll_kPa")
+    stated = {"stations": {"tip": {"position": ["tx", "ty", "tz"]}}, "length_unit": "m",
+              "pressure": {"columns": ["soll_kPa"], "unit": "kpa"}}  # fmt: skip
+    recording = read(path, mapping=stated)
+    np.testing.assert_allclose(recording.position.values[0, 0], [0.4, 0.5, 0.6])
+    np.testing.assert_allclose(recording.pressure.values[:2], [700.0, 710.0])
+    with pytest.raises(InputError, match=r"add the recording to which it belongs.*tx, ty, tz of a.csv are the torques"):
+        with_logs([path])
 
 
 def test_two_names_of_one_column_stay_as_they_are() -> None:

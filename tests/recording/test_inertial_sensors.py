@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pliant.errors import InputError
 from pliant.recording import make_recording, read, write
-from pliant.recording.inclination import InclinationMapping, gravity_rows
+from pliant.recording.inclination import InclinationMapping, gravity_rows, turning_angles
 from pliant.recording.netcdf import write_netcdf
 
 Array = np.ndarray
@@ -124,3 +125,16 @@ def test_inertial_sensors_of_a_bag(tmp_path: Path) -> None:
     change = np.abs(turned - turned[0])
     np.testing.assert_allclose(change, np.abs(flat["angle"].values[:, 0]), atol=0.01)
     assert change.max() > 0.1
+
+
+def test_the_warning_on_a_body_that_leaves_a_plane_holds_the_entry_that_reads_it():
+    bend, side = 0.8 * np.sin(np.linspace(0, 6, 60)), 0.6 * np.cos(np.linspace(0, 6, 60))
+    sensors = {"tip/data": 9.81 * np.column_stack([np.sin(bend), np.sin(side), -np.cos(bend) * np.cos(side)])}
+    _, lines = turning_angles(sensors, "bag")
+    line = next(line for line in lines if line.startswith("WARNING: the body leaves a plane"))
+    stated = tomllib.loads("inclination" + line.partition("mapping inclination")[2])["inclination"]
+    rows, _ = gravity_rows(sensors, InclinationMapping(**stated), "bag")
+    gravity = rows["further"]["gravity"][:, 0]
+    assert gravity.shape == (60, 3)
+    np.testing.assert_allclose(np.linalg.norm(gravity, axis=1), 1.0)
+    assert gravity[:, 2].mean() > 0.5

@@ -176,8 +176,8 @@ EARLY = changed("alignment", "options", value={"base": "nobody"})
 
 @pytest.mark.parametrize("content", [EARLY, LATER], ids=["alignment", "experiment"])
 @pytest.mark.parametrize(("edit", "unit"), [
-    (in_millimetres, (r"recording low: all positions are within 12\d m, implausible for a soft body: check the unit "
-                      r"of length\. Then: ")),
+    (in_millimetres, (r"recording low: all positions are within 12\d m, implausible for a soft body: state "
+                      r"the unit, .*, or correct the positions\. Then: ")),
     (in_milliseconds, r"recording low: the frames are 10 s apart: were times in ms or us .* time_unit .*\. Then: "),
     (None, "(?!.*unit)"),
 ])
@@ -197,4 +197,4 @@ def test_a_draft_names_the_unit_before_the_alignment(tmp_path, monkeypatch):
     assert trial.problem == "the base moves by 3 m"  # millimetres are recognised by their range, and the draft says so
     columns[:, 2:] *= 1e3
     trial = inspect_trial(write_recording(tmp_path / "b.csv", columns))
-    assert "implausible for a soft body: check the unit of length. Then: the base moves by 3 m" in trial.problem
+    assert "in the mapping, or correct the positions. Then: the base moves by 3 m" in trial.problem

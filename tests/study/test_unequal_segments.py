@@ -46,8 +46,8 @@ def test_a_tendon_that_ends_with_a_segment_passes_its_joints_alone():
 @pytest.mark.parametrize(("entries", "message"), [
     ({"segments": LENGTHS, "length": 0.2}, r"segments add up to 0.1865 m, but length is 0.2 m"),
     ({"segments": [0.06, -0.01]}, "segments needs positive lengths"),
-    ({"segments": LENGTHS, "segment_links": [2, 2]}, "one number for each"),
-    ({"segments": LENGTHS, "links": 5}, "links must be their sum"),
+    ({"segments": LENGTHS, "segment_links": [2, 2]}, "one number of links for each of the 3 segments"),
+    ({"segments": LENGTHS, "links": 5}, "links = 5 cannot be divided among the 3 segments: remove links"),
     ({"length": 0.1, "segment_links": [2, 2]}, "segment_links needs segments"),
 ])  # fmt: skip
 def test_segments_that_contradict_the_rest_are_refused(entries, message):

@@ -28,6 +28,7 @@ LEAST_EXPLAINED = 0.5  # of the motion's variance
 AMBIGUOUS = 1.5  # least ratio of the unexplained variances of second-best and best offset,
 ALIKE = 0.75  # unless the second-best explains less than this fraction of what the best explains
 COARSE_S = 0.02
+LATE_S = 1e6  # a clock that begins later, such as times since 1970, is rounded too coarsely for derivatives
 ROUGH = 8  # evaluations of a fit that only ranks the offsets
 DOUBTFUL_S = 0.02  # an uncertainty beyond this gives a warning
 LONGEST_DRIFT = 5e-3
@@ -225,11 +226,14 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
     if not shape_variable(recording) or not inputs:
         raise InputError("sync compares motion with pressure or other inputs, but the recording lacks one of them: add "
                          "the missing one, or skip the synchronisation")  # fmt: skip
-    body, pressure = body_course(recording), pressure_course(recording)
-    best, rival = two_best(body, pressure, offsets(body.time, pressure.time, largest_s))
-    check_fit(best, rival, largest_s)
+    body, stated = body_course(recording), pressure_course(recording)
+    zero = float(stated.time[0]) if abs(stated.time[0]) > LATE_S else 0.0
+    pressure = stated._replace(time=stated.time - zero)
+    best, rival = two_best(body, pressure, offsets(body.time, stated.time, largest_s) + zero)
+    of_clock = None if rival is None else rival._replace(delay=rival.delay - zero)
+    check_fit(best._replace(delay=best.delay - zero), of_clock, largest_s)
     word = input_words([channel.unit for channel in inputs])[0]
-    warnings = doubts(best, pressure, word)
+    warnings = doubts(best, stated, word)
     change = drift_of_events(body, pressure, best) if drift else UNKNOWN
     if change.significant:
         clear = fit_lag(
@@ -242,8 +246,9 @@ def sync(recording: xr.Dataset, *, largest_s: float | None = None, drift: bool =
             if abs(best.drift) > LONGEST_DRIFT:
                 warnings.append(f"a drift of {100 * best.drift:.2g} % is larger than between real clocks: check the "
                                 "stated rates")
-    return Delay(best.delay, best.uncertainty, best.drift, best.drift_uncertainty if best.drift else 0.0,
-                 best.explained, best.frequency, best.damping, tuple(warnings), word)
+    return Delay(best.delay - zero * (1.0 + best.drift), best.uncertainty, best.drift,
+                 best.drift_uncertainty if best.drift else 0.0, best.explained, best.frequency, best.damping,
+                 tuple(warnings), word)
 
 
 def check_fit(best: Fitted, rival: Fitted | None, largest_s: float | None) -> None:

@@ -6,6 +6,7 @@ rosbags would generate and run Python code from them. A bag whose definition of 
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,9 @@ ROWS = {  # type of message -> its rows of numbers, a pose or a number each
 }
 
 
+MCAP = b"\x89MCAP0\r\n"  # begin and end of an MCAP file
+FOOTER = bytes([2, 20, *[0] * 27]) + MCAP  # end of an MCAP file without an index
+RECORDS = range(1, 16)  # opcodes of the records of MCAP
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 FIXED = 1e-6  # m, and of a unit quaternion: a transform that changes by less is constant
 
@@ -162,9 +166,45 @@ def read(path: str) -> Content:
     (M, R, 1): R poses of 7 numbers, or R single numbers, per message.
 
     The facts hold for each topic its coordinate frame and the number of messages that the bag states; the transforms
-    between frames; the names of all other topics; and for each topic that cannot be read the reason.
+    between frames; the names of all other topics; for each topic that cannot be read the reason; and of an MCAP file
+    that was cut the number of its bytes, at least those up to an end, and of those in whole records.
     """
-    with Reader(Path(path)) as bag:
+    size, whole = Path(path).stat().st_size, whole_records(Path(path))
+    if not whole:
+        return content_of(Path(path))
+    with tempfile.TemporaryDirectory() as folder:
+        mended = Path(folder) / "whole.mcap"
+        with Path(path).open("rb") as file:
+            mended.write_bytes(file.read(whole) + FOOTER)
+        arrays, facts = content_of(mended)
+    return arrays, {**facts, "cut": [max(size, whole + len(FOOTER)), whole]}
+
+
+def whole_records(path: Path) -> int:
+    """Return the number of bytes up to the end of the last whole record of an MCAP file that was cut, as by a loss of
+    power; 0 for a file that ends as it should, and for other files.
+    """
+    if path.is_dir() or path.suffix.lower() != ".mcap":
+        return 0
+    with path.open("rb") as file:
+        size = file.seek(0, 2)
+        file.seek(max(0, size - len(MCAP)))
+        ends = file.read() == MCAP
+        file.seek(0)
+        if ends or file.read(len(MCAP)) != MCAP:
+            return 0
+        end = len(MCAP)
+        while len(head := file.read(9)) == 9 and head[0] in RECORDS:
+            behind = end + 9 + int.from_bytes(head[1:], "little")
+            if behind > size:
+                break
+            end = file.seek(behind)
+    return end
+
+
+def content_of(path: Path) -> Content:
+    """Return the arrays and facts of an undamaged bag; see `read`."""
+    with Reader(path) as bag:
         kinds = {c.topic: c.msgtype for c in bag.connections if c.msgtype in ROWS}
         others = sorted({c.topic for c in bag.connections if c.msgtype != TRANSFORMS} - set(kinds))
         unread = {c.topic: f"the bag defines {c.msgtype} differently from ROS 2"
@@ -186,7 +226,7 @@ def read(path: str) -> Content:
             except Refused as refused:
                 unread[connection.topic] = str(refused)
                 topic.rows.clear()
-    arrays, listed = tabulated(topics, stated, metadata_counts(Path(path)))
+    arrays, listed = tabulated(topics, stated, metadata_counts(path))
     return arrays, {"topics": listed, "others": others, "unread": unread, "transforms": transforms.listed()}
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from pliant.recording.apart_worker import Content, Refused, content_bound, plain_attributes, without_objects
 
+REFERENCES = "#refs#"  # group of MATLAB with what its cells and structs hold
 SKIPPED = ("_i_", "#")  # private groups: indices of PyTables, references of MATLAB
 DEEPEST = 32  # groups within groups
 FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # of HDF5 and h5py; any other would load a library of this machine
@@ -46,6 +48,9 @@ def read(path: str) -> Content:
     left = content_bound(size)
     with h5py.File(path, "r") as file:
         for name, item in walk(file):
+            if item is None:
+                facts["others"].append(name)
+                continue
             if isinstance(item, h5py.Group):
                 facts["groups"][name] = attributes_of(item, name, size)
                 continue
@@ -58,18 +63,26 @@ def read(path: str) -> Content:
 
 
 def walk(file: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the path and the h5py object of each group and data set of an HDF5 file. Soft and external links raise
-    `Refused`.
+    """Yield the path and the h5py object of each group and data set of an HDF5 file, and of what the cells and arrays
+    of structs of MATLAB refer to, as ``cell(2)`` and ``struct(2)/field``. Soft and external links raise `Refused`.
     """
     addresses: set[int] = set()
+    by_reference: set[str] = set()
     waiting = [("", file)]
     while waiting:
         name, item = waiting.pop()
         if not isinstance(item, h5py.Group):
             if isinstance(item, h5py.Dataset) and item.attrs.get("NAME", b"")[:52] != DIMENSION_ALONE:
-                yield name, item
+                parts = referred(file, name, item)
+                by_reference |= {path for path, _ in parts}
+                waiting += reversed(parts)
+                if not parts:
+                    yield name, item
             continue
         address = int(h5py.h5o.get_info(item.id).addr)
+        if address in addresses and name in by_reference:
+            yield name, None
+            continue
         if address in addresses or name.count("/") >= DEEPEST:
             raise Refused(f"group {name!r} contains itself, has two names, or is nested too deeply: copy its data "
                           "sets into a new file")
@@ -85,6 +98,23 @@ def walk(file: Any) -> Iterator[tuple[str, Any]]:
                 raise Refused(f"the file has a link ({kind}) at {path!r}, which is not followed: copy the data into "
                               "the file")
             waiting.append((path, item[key]))
+
+
+def referred(file: Any, name: str, item: Any) -> list[tuple[str, Any]]:
+    """Return the paths and objects to which a cell of MATLAB refers, or the field `item` of an array of structs; empty
+    for another data set.
+    """
+    if REFERENCES not in file or h5py.check_ref_dtype(item.dtype) is not h5py.Reference or not item.shape:
+        return []
+    announced_bytes(item, name)
+    of_cell = bytes(item.attrs.get("MATLAB_class", b"")) == b"cell"
+    owner, _, field = name.rpartition("/")
+    names = [f"{name}({k})" if of_cell else f"{owner}({k})/{field}" for k in range(1, item.size + 1)]
+    if name.count("(") >= DEEPEST:
+        raise Refused(f"{name[:200]!r} is nested too deeply: copy its data sets into a new file")
+    with suppress(ValueError, KeyError, RuntimeError):  # a reference to nothing: no cell of MATLAB
+        return [(path, file[ref]) for path, ref in zip(names, item[()].ravel(), strict=True) if ref]
+    return []
 
 
 def announced_bytes(item: Any, name: str) -> int:

@@ -24,7 +24,7 @@ from pliant.recording.inclination import InclinationMapping, gravity_rows, turni
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import make_recording
-from pliant.recording.stated import WARNING, Reading, Stated
+from pliant.recording.stated import WARNING, Reading, Stated, judge_stated
 from pliant.units import metre_per, pascal_per
 
 if TYPE_CHECKING:
@@ -114,6 +114,7 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     if find_spec("rosbags") is None:
         raise InputError(f"{path.name}: ROS 2 bags need rosbags, which is not installed: pip install 'pliant[ros]'")
     arrays, facts = read_apart("bag", path, "ROS 2 bag")
+    cut = cut_short(facts, path.name)
     topics = {t["name"]: topic_of(t, arrays, options.clock) for t in facts["topics"]}
     unread = [f"topic {topic[:60]} cannot be read: {reason}" for topic, reason in facts["unread"].items()]
     stations = {} if options.angles or options.inclination else chosen(topics, options.topics, last_parts(
@@ -128,7 +129,7 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
         listed = "; ".join([shorten([*topics, *facts["others"]]) or "none", *unread])
         raise InputError(f"{path.name} has no topic of poses, points, Imu or FluidPressure: name the topics in its "
                          f"mapping; it has {listed}")
-    stated = [Stated(f"messages of {t['name'][:60]}", where, t[key], t["read"]) for t in facts["topics"]
+    stated = cut + [Stated(f"messages of {t['name'][:60]}", where, t[key], t["read"]) for t in facts["topics"]
               for key, where in (("stated", "its index"), ("beside", "metadata.yaml")) if t[key]]  # fmt: skip
     if empty := [t.name for t in (*stations.values(), *pressures.values()) if not len(t.stamps)]:
         raise InputError(f"{path.name} states messages of topic {clipped(empty[0])!r}, but none can be read: the bag "
@@ -149,6 +150,16 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
             **arrays_of, **pressures_of(pressures, origin, options.pressure_unit, path.name),
             history=[*history, *transformed, *(f"{text}; it is left out" for text in unread), *findings],
         ), tuple(stated))  # fmt: skip
+
+
+def cut_short(facts: Mapping[str, Any], file: str) -> list[Stated]:
+    """Return the comparison of the size of a bag that was cut with its whole records; [] for another bag. Raise
+    InputError where these hold no topic.
+    """
+    cut = [Stated("bytes of whole records and an end", "its size", *facts["cut"])] if "cut" in facts else []
+    if not facts["topics"]:
+        judge_stated(cut, file)
+    return cut
 
 
 def last_parts(topics: Mapping[str, Topic]) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -48,16 +49,20 @@ CLOCK_FACE = re.compile(r"h*:?m+:s+(?:[.:,](?:m|s|f|0|x|u)+)?")  # hh:mm:ss.ms, 
 WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
 LETTERS = set("afgoqvw")  # of quantities that are no positions
 TORQUES = re.compile(r"(?:.* )?(?:fx fy fz tx ty tz|Fx Fy Fz Tx Ty Tz|FX FY FZ TX TY TZ)(?: .*)?")  # of a load cell
+PERHAPS_A_PLACE = "tx, ty, tz of"  # beginning of the sentence on them
+LOAD_OR_PLACE = ("fx", "fy", "fz", "tx", "ty", "tz")  # in lower case the last three may also be a place
 OTHERS = re.compile(r"forces?|acc\w*|gyr\w*|mag(?!nets?$)\w*|vel\w*|speed|twist|torques?|moments?|wrench\w*|load_?cell|"
                     r"rot\w*|ang|angles?|angular|orient\w*|ori|quat\w*|grav\w*|imu\w*|euler\w*|omega|target|goal|ref|"
                     r"reference|cmd|command\w*|des|desired|setpoint|set_point")  # fmt: skip
 AIR = r"atm\w*|ambient|barom\w*"  # around a body
 AMBIENT = re.compile(rf"(?:.*[\W_])?(?:{AIR})(?:[\W_].*)?", re.IGNORECASE)
 DES = r"des(?![\W_]+[a-z]+s(?![a-z]))"  # p_des, not pression des tubes
-ELSEWHERE = rf"set\w*|cmd|command\w*|ref\w*|target|{DES}|desired|goal|soll|consigne|supply|tank|{AIR}"  # no chamber
+COMMANDS = rf"set\w*|cmd|command\w*|ref\w*|target|{DES}|desired|goal|soll|consigne"
+ELSEWHERE = rf"{COMMANDS}|supply|tank|{AIR}"  # no chamber
 PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
 FLUID = re.compile(r"(?!.*baro)(?:.*[./])?fluid_pressure", re.IGNORECASE)  # the field of a message of ROS, in Pa
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
+COMMAND = re.compile(rf"(?!.*(?:supply|tank|{AIR}))(.*[\W_])?({COMMANDS})([\W_].*)?", re.IGNORECASE)
 ABSOLUTE = re.compile(r"(?:^|[\W_])abs(?:olute)?(?:[\W_]|$)", re.IGNORECASE)  # a pressure that is no gauge pressure
 LENGTHS = {*METRE, PIXEL}
 ANGLES = {"angle", "angles", "theta", "flex"}  # words of tables of angles
@@ -102,7 +107,8 @@ def standard_names(names: list[str], file: str) -> Renamed:
     pressures = {n: other for n in names if n not in standard and (other := _pressure(n))}
     inside = {n: other for n, other in pressures.items() if not NOT_INSIDE.fullmatch(n)}
     standard |= inside or pressures
-    channels = _channels([name for name in names if name not in standard], [*standard.values()])
+    rest = [name for name in names if name not in standard]
+    channels = _channels(rest, [*standard.values()]) or ({} if positions or short else _set_points(rest, pressures))
     if not pressures and not channels and len(fluids := unitless_pressures(names)) == 1 and FLUID.fullmatch(fluids[0]):
         channels = {fluids[0]: "p_pa"}
     standard |= channels
@@ -245,11 +251,37 @@ def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
     return {name: f"p_{unit}_{bare}" for name, (bare, unit) in channels.items()}
 
 
+def _set_points(names: Sequence[str], known: Collection[str]) -> dict[str, str]:
+    """Return standard names of the set points with a unit of pressure of a log that holds no other pressure, such as
+    ``soll [kPa]``; none where a column says a pressure without a unit, or an absolute one.
+    """
+    if known or unitless_pressures(names) or any(ABSOLUTE.search(name) for name in names):
+        return {}
+    commanded = {name: parts for name in names if COMMAND.fullmatch(name) and (parts := _without_unit(name, PASCAL))[1]}
+    return {name: f"p_{unit}" + f"_{bare}" * (len(commanded) > 1) for name, (bare, unit) in commanded.items()}
+
+
+def unread_columns(names: Sequence[str], file: str) -> list[str]:
+    """Return sentences for the history on columns that were left out and may be what a study needs, with the entry of
+    a mapping that reads them: a place that may be the torques of a load cell, and a set point.
+    """
+    said = []
+    if {*LOAD_OR_PLACE} <= {*names}:
+        said.append(f"{PERHAPS_A_PLACE} {file} are the torques of a load cell or the place of a body, and are not read:"
+                    ' if a place, state stations = { tip = { position = ["tx", "ty", "tz"] } }, length_unit and the '
+                    "pressure in its mapping")
+    units = {name: _without_unit(name, PASCAL)[1] for name in names if COMMAND.fullmatch(name)}
+    return said + [f"{shown(name)} of {file} is a set point by its name, and is not read: if nothing measured the "
+                   f"pressure, state pressure = {{ columns = [{json.dumps(name)}], unit = {unit!r} }} in its mapping"
+                   for name, unit in units.items() if unit]  # fmt: skip
+
+
 def unitless_pressures(names: Iterable[str]) -> list[str]:
     """Return the names of columns that say pressure and no unit, such as ``pressure_left``; not those of set points,
-    supplies and the atmosphere.
+    supplies and the atmosphere, nor those of temperatures beside others.
     """
-    return [name for name in names if PRESSED.fullmatch(name) and not NOT_INSIDE.fullmatch(name)]
+    pressed = [name for name in names if PRESSED.fullmatch(name) and not NOT_INSIDE.fullmatch(name)]
+    return [name for name in pressed if not {"temp", "temperature"} & {*words_of(name)}] or pressed
 
 
 def pressures_named(names: Sequence[str], unit: str, file: str) -> tuple[list[str], list[str]]:

@@ -4,6 +4,7 @@ which each turns in a plane, or the direction of gravity in the axes of its link
 
 from __future__ import annotations
 
+import json
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -187,21 +188,32 @@ def turning_angles(sensors: Mapping[str, NDArray], file: str) -> tuple[NDArray, 
     history, motions = [], {name: _turn(values, name, file) for name, values in sensors.items()}
     angles = np.column_stack([angle for angle, _ in motions.values()])
     turned = np.nanmax(angles, axis=0) - np.nanmin(angles, axis=0)
-    for s, (name, (_, aside)) in enumerate(motions.items()):
+    for name in motions:
         by_gravity = sensors[name].shape[1] == 3
         source = "direction of gravity" if by_gravity else "orientation"
         history.append(f"angle of {clipped(name, 40)} in the plane of its motion, from its {source}, 0 in its first "
                        "frame")  # fmt: skip
-        if aside > MOST_ASIDE and turned[s] > STILL * turned.max():
-            history.append(f"{WARNING}{100 * aside:.0f} % of the rotation of {clipped(name, 40)} is about other axes "
-                           "and is left out: the body leaves a plane; for a body in space, state down and axes in a "
-                           "table [inclination] of its mapping")  # fmt: skip
         history += _shaken(sensors[name], name) if by_gravity else []
+    shares = {name: aside for s, (name, (_, aside)) in enumerate(motions.items())
+              if aside > MOST_ASIDE and turned[s] > STILL * turned.max()}  # fmt: skip
+    history += _out_of_plane(shares, sensors, file) if shares else []
     for s in range(angles.shape[1] - 1):
         both = np.isfinite(angles[:, s]) & np.isfinite(angles[:, -1])
         if angles[both, s] @ angles[both, -1] < 0:
             angles[:, s] *= -1
     return angles, history
+
+
+def _out_of_plane(shares: Mapping[str, float], sensors: Mapping[str, NDArray], file: str) -> list[str]:
+    """Return a warning on the fraction of the rotation of sensors that is about other axes than that of their angle,
+    with the entry of a mapping for a body in space, as if it hung in the first frames.
+    """
+    listed = ", ".join(f"{clipped(name, 40)} {100 * aside:.0f} %" for name, aside in shares.items())
+    mounted = hanging(sensors, file)
+    axes = ", ".join(f"{json.dumps(name)} = {json.dumps(one)}" for name, one in mounted.get("axes", {}).items())
+    said = (f"{WARNING}the body leaves a plane, and rotation about other axes is left out ({listed}): for a body in "
+            "space that hangs in the first frames, state in its mapping inclination = { down = [0.0, 0.0, 1.0], ")
+    return [f"{said}axes = {{ {axes} }} }}"]
 
 
 def _turn(values: NDArray, name: str, file: str) -> tuple[NDArray, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,13 +18,13 @@ from pliant.recording.npz import arrays_of
 from pliant.recording.registry import ENDINGS, Reader, describes_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
     import xarray as xr
     from numpy.typing import NDArray
 
 NUMBERED = re.compile(r"[\[{]([0-9]+)[\]}]")  # of a struct or cell
+FIELD = re.compile(r"(.*?)\((\d{1,9})\)\.([^.(]+).*")  # of one of several structs
 VALUES = ".signals.values"
 NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
@@ -38,9 +38,8 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     """
     arrays, others, structs = stored_arrays(path)
     if not arrays and others:
-        raise InputError(f"{path.name} holds {shorten(others, 6)} and no array of numbers. If they are cells or "
-                         "several structs, save the file as version 7, which pliant reads: save('file.mat', '-v7'). "
-                         "Of a timeseries, table or Dataset save its arrays, such as t = ts.Time; p = ts.Data")
+        raise InputError(f"{path.name} holds {shorten(others, 6)} and no array of numbers: of a timeseries, "
+                         "table or Dataset save its arrays, such as t = ts.Time; p = ts.Data")
     options = {role: in_round_brackets(entry) for role, entry in (mapping or {}).items()}
     arrays = of_simulink(arrays, options)
     chosen = options.pop("struct", None)
@@ -110,9 +109,26 @@ def stored_arrays(path: Path) -> tuple[dict[str, NDArray], list[str], dict[str, 
     is_hdf5 = b"MATLAB 7.3" in head or head[512:].startswith(b"\x89HDF") or head.startswith(b"\x89HDF")
     stored, facts = read_apart("hdf5" if is_hdf5 else "mat5", path, ".mat")
     if is_hdf5:
-        return *matlab_arrays(stored, facts), {}
+        arrays, others = matlab_arrays(stored, facts)
+        return arrays, others, {} if is_recording(arrays) else numbered_structs([*arrays, *others])
     structs = {name: (int(count), list(fields)) for name, (count, fields) in facts["structs"].items()}
     return {name: stored[key] for name, key in facts["names"].items()}, facts["others"], structs
+
+
+def is_recording(arrays: Mapping[str, NDArray]) -> bool:
+    """Return whether arrays outside of structs have the usual names of times and positions."""
+    return all({*USUAL_NAMES[role]} & {*arrays} for role in ("time", "position"))
+
+
+def numbered_structs(names: Sequence[str]) -> dict[str, tuple[int, list[str]]]:
+    """Return for each array or cell of structs the number of its structs and their fields, from the names of all
+    variables, such as ``train(2).t``.
+    """
+    structs: dict[str, tuple[int, list[str]]] = {}
+    for match in filter(None, map(FIELD.fullmatch, names)):
+        count, fields = structs.get(match[1], (0, []))
+        structs[match[1]] = max(count, int(match[2])), list(dict.fromkeys([*fields, match[3]]))
+    return structs
 
 
 def in_round_brackets(entry: Any) -> Any:

@@ -263,6 +263,8 @@ def _check_exists(path: Path) -> None:
         where = clipped(str(path), 200)
         raise InputError(f"cannot read a recording from {where}: {error.strerror or error}") from None
     what = "this is a folder, not a file" if path.is_dir() else "there is no such file"
+    if path.is_dir() and (bags := sorted(f.name for f in path.iterdir() if f.suffix in (".mcap", ".db3"))):
+        what += f" (nor a whole ROS 2 bag, which has {BAG_METADATA}): give the file in it, such as {bags[0]}"
     raise InputError(f"cannot read a recording from {path}: {what}")
 
 
@@ -330,6 +332,7 @@ SHEET, ONE_ROW = "save its sheet as CSV", "write a CSV with one row for each tim
 ELSEWHERE = {  # what to do with files of other programs, by their endings
     **dict.fromkeys((".xlsx", ".xls", ".xlsm", ".ods", ".numbers"), SHEET),
     **dict.fromkeys((".json", ".jsonl", ".ndjson", ".xml", ".parquet", ".feather", ".pkl", ".pickle"), ONE_ROW),
+    **dict.fromkeys((".zip", ".gz", ".bz2", ".xz", ".7z", ".rar", ".tar", ".tgz"), "unpack it first"),
     ".npy": "store its array with its times under names, by numpy.savez('name.npz', time=..., position=...)",
     ".bag": "convert this bag of ROS 1 to one of ROS 2, by rosbags-convert --src name.bag --dst name",
     ".trc": "export C3D, or a CSV with columns such as Time, tip_x_mm", ".ulg": "convert it to CSV, by ulog2csv",

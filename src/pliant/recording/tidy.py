@@ -5,7 +5,7 @@ counted in a sentence, and the lines keep their numbers.
 from __future__ import annotations
 
 import re
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from pliant.recording.column_names import is_time
@@ -72,8 +72,8 @@ def table_lines(
         if line.startswith(COMMENTS[1:]):
             lines[k] = "#" + line.lstrip("%/")
     stated = delimiter is not None
-    for step in (names_above, one_delimiter, one_row_of_names, without_rows_below, without_comments,
-                 with_units_of_cells, without_separators):  # fmt: skip
+    for step in (names_above, one_delimiter, one_row_of_names, without_rows_below, without_events, without_comments,
+                 with_units_of_cells, without_separators, without_copies):  # fmt: skip
         first = first_row(lines, preamble_of(lines) if skip_lines is None else skip_lines)
         if first >= len(lines):
             break
@@ -228,7 +228,8 @@ def without_rows_below(lines: list[str], first: int, mark: str | None, name: str
     if len(rows) < 2:
         return []
     width = count_cells(lines[rows[0]], mark)
-    begins = split_cells(lines[rows[0]], mark)[0].lower()
+    unit_row = is_units_row(split_cells(lines[first], mark), split_cells(lines[rows[0]], mark))
+    begins = split_cells(lines[rows[1 if unit_row else 0]], mark)[0].lower()
     for k in rows[1:][-MOST_BELOW:]:
         if lines[k][:1].isdigit():
             continue
@@ -244,6 +245,49 @@ def without_rows_below(lines: list[str], first: int, mark: str | None, name: str
             where = f"from line {k + 1} on, which begins with {cells[0][:40]!r}"
             return [f"{len(below)} row(s) below the table of {name} are left out, {where}"]
     return []
+
+
+def without_events(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Leave out rows of words between the rows of a table, such as EVENT, valve open: at least half of their cells are
+    blank, none is a number or names a time, and the times go on behind them.
+    """
+    rows, width = following(lines, first), count_cells(lines[first], mark)
+    if mark is None:
+        return []
+    events, before = [], ""
+    for k, after in pairwise(rows):
+        cells = split_cells(lines[k], mark)
+        words = [cell for cell in cells if cell]
+        if is_data(lines[k], mark, width):
+            before = cells[0]
+        elif before and 2 * len(words) <= width and not any(is_number(c) or is_time(c) for c in words) \
+                and not words[0][:1].isdigit() and goes_on(before, split_cells(lines[after], mark)[0]):
+            events.append(k)
+    return blanked(lines, events, f"{name} hold words between its rows of numbers")
+
+
+def goes_on(before: str, cell: str) -> bool:
+    """Return whether a cell holds a time, or number, that is not before that in another."""
+    if is_number(before) and is_number(cell):
+        return float(cell.replace(",", ".")) >= float(before.replace(",", "."))
+    return ":" in before and ":" in cell
+
+
+def without_copies(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
+    """Rename the columns that repeat the name of another and have the same cells in every row, so that they are not
+    read.
+    """
+    names = split_cells(lines[first], mark)
+    if mark is None or not is_named(names) or not (repeated := set(repeated_names(names)) - {""}):
+        return []
+    columns = [*zip(*(split_cells(lines[k], mark) for k in following(lines, first)), strict=False)]
+    firsts = {k: names.index(title) for k, title in enumerate(names[: len(columns)]) if title in repeated}
+    copies = {k: begin for k, begin in firsts.items() if k > begin and columns[k] == columns[begin]}
+    if not copies:
+        return []
+    lines[first] = joined([f"copy_{copies[k]}" if k in copies else title for k, title in enumerate(names)], mark)
+    listed = ", ".join(names[k][:40] for k in copies)
+    return [f"{len(copies)} column(s) of {name} repeat another by name and in every row, and are left out: {listed}"]
 
 
 def is_data(line: str, mark: str | None, width: int) -> bool:

@@ -34,6 +34,7 @@ from pliant.recording.column_names import (
     refuse_pixels,
     standard_names,
     unitless_pressures,
+    unread_columns,
 )
 from pliant.recording.columns import changing_columns, first_cells, kept_rows, read_columns, without_idle
 from pliant.recording.joined_runs import refuse_several
@@ -271,8 +272,7 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
     history = list(findings)
     if empty := [n for n, values in columns.items() if pressure_unit(n) and np.isnan(values).all()]:
         columns = {n: values for n, values in columns.items() if n not in empty}
-        history.append(f"{len(empty)} column(s) of pressure of {file} hold no number and were left out: "
-                       f"{shorten(empty)}")
+        history.append(f"{len(empty)} column(s) of pressure of {file} hold no number, left out: {shorten(empty)}")
     pressure, chamber = pressures_of(columns)
     ignored = [n for n in columns if not is_known(n)]
     if ignored:
@@ -284,15 +284,15 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
         if bare := unitless_pressures(ignored):
             history.append(f"{WARNING}{len(bare)} column(s) of {file} seem to hold pressures without a unit, such as "
                            f"{shown(bare[0])}: state pressure_unit in its mapping to read them")  # fmt: skip
-        history += changing_columns({name: columns[name] for name in ignored}, file)
+        history += [*changing_columns({n: columns[n] for n in ignored}, file), *unread_columns(ignored, file)]
     arrays: dict[str, Any] = {}
     if labels:
         arrays, more = _stations(columns, labels, metadata, file)
         history += more
     elif pressure is None:
-        remedy = "".join(f"state pressure_unit in its mapping for {shown(n)}" for n in unitless_pressures(ignored)[:1])
-        raise InputError(f"{file} has neither columns of stations (x_000, y_000, ...) nor of pressure (p_kpa): "
-                         f"{remedy or 'rename them or give a mapping'}")
+        bare = [f"state pressure_unit in its mapping for {shown(name)}" for name in unitless_pressures(ignored)]
+        remedy = [*bare, *unread_columns(ignored, file), "rename them or give a mapping"][0]
+        raise InputError(f"{file} has neither columns of stations (x_000, ...) nor of pressure (p_kpa): {remedy}")
     time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
     history += wrapped
     used = np.stack([columns[name] for name in columns if is_known(name) and name not in CLOCKS], axis=1)

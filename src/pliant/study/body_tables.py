@@ -147,9 +147,11 @@ class ActuatorEntry(PartTable):
         if self.taper is not None:
             raise ValueError("segments cannot be combined with taper: state length")
         links = self.segment_links or [max((self.links or 2 * count) // count, 1)] * count
-        if len(links) != count or min(links) < 1 or self.links not in (None, sum(links)):
-            raise ValueError(f"the links of {count} segments are {links}, one number for each, and links must be their "
-                             f"sum: got links = {self.links}")
+        if len(links) != count or min(links) < 1:
+            raise ValueError(f"segment_links needs one number of links for each of the {count} segments, got {links}")
+        if self.links not in (None, sum(links)):
+            raise ValueError(f"links = {self.links} cannot be divided among the {count} segments: remove links, or "
+                             "state segment_links = [...], the links of each, whose sum is links")
         self.length, self.segment_links, self.links = length, links, sum(links)
         return self
 

@@ -36,6 +36,8 @@ from pliant.study.inspected import Inspected, inspect_all
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial
 
+TIMES = "unit of time"  # name of a check of plausibility
+
 
 @dataclass(frozen=True)
 class Draft:
@@ -120,7 +122,7 @@ def draft_study(
     out.say('Written by `pliant new` from the files. Replace each "?" with the value that only you know.',
             "docs/studies.md explains every entry. Units are SI, unless the name of an entry states another unit.")
     case = Case(length=length, mass=mass, diameter=diameter, gravity=tuple(gravity or ()) or None)
-    doubts = trial_doubts(trials, case)
+    doubts = trial_doubts(inspected, case)
     out.say(*(f"! {line}" for line in doubts))
     out.put("name", title)
     out.put("title", title.replace("_", " "))
@@ -188,12 +190,15 @@ def unexplained(trial: Trial) -> list[str]:
             for line in history_of(trial.recording) if line.startswith(CHANGING)]
 
 
-def trial_doubts(trials: Sequence[Trial], case: Case) -> tuple[str, ...]:
-    """Return the warnings about the recordings and the body, without duplicates."""
-    warnings: dict[str, str] = {}
+def trial_doubts(inspected: Inspected, case: Case) -> tuple[str, ...]:
+    """Return the warnings about the recordings and the body, without duplicates; not on the times of settled poses,
+    which have no effect.
+    """
+    trials, warnings = inspected.trials, dict[str, str]()
     asked = {ABSOLUTE} if without_load(trials) is not None else set()
     for trial in trials:
-        doubts = {check: line for check, line in trial.quality.doubts.items() if check not in asked}
+        left = {*asked, *([TIMES] if inspected.kinds[trial.name].poses else [])}
+        doubts = {check: line for check, line in trial.quality.doubts.items() if check not in left}
         warnings |= {f"{trial.name} {check}": f"{trial.path.name}: {line}" for check, line in doubts.items()}
         known = case if trial.has_scale else replace(case, length=None)
         for check, line in body_warnings(known, trial.grouped, trial.aligned if trial.has_scale else None).items():

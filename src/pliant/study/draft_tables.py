@@ -273,8 +273,8 @@ def reduction(out: Lines, inspected: Inspected) -> None:
     widest = max((t for t in inspected.trials if t.name in training), key=lambda trial: trial.peak_motion)
     out.put("recording", widest.name, "the recording that determines the links; of those of training it has the "
             "largest motion")  # fmt: skip
-    out.put("bound_mm", 3.0, "the smallest number of links with a shape error below this in every frame is used")
-    out.propose("links", 5, "overrides bound_mm: the number of links as you set it")
+    out.put("links", LINKS, "as for a body with few stations; or remove this line: bound_mm then determines the number")
+    out.put("bound_mm", 3.0, "the smallest number of links with a shape error below this in every frame")
 
 
 def selection(out: Lines, inspected: Inspected) -> None:

@@ -13,10 +13,12 @@ import xarray as xr
 from pliant.errors import InputError
 from pliant.files import regular_file
 from pliant.recording import read, readers
+from pliant.recording.column_names import PERHAPS_A_PLACE
 from pliant.recording.mapping import options_of, refuse_idle
 from pliant.recording.mat import trials_of
 from pliant.recording.registry import HEAD_BYTES, is_bag_folder
 from pliant.recording.rules import shape_variable
+from pliant.recording.schema import history_of
 from pliant.sensing import read_shape
 from pliant.study.column_guess import MILLIMETRES, TableGuess, extent, guessed_table, refuse_bodies_in_rows
 
@@ -52,15 +54,15 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
         return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
     shown = shape_variable(recording)
     shape = bool(shown) or "strain" in recording
-    wrong_scale = not stated and too_large(recording)
+    unfit = not stated and (too_large(recording) or named_by_a_path(recording))
     if shown == "angle" and (directed := curved(path, stated)):
         return directed
     if recording.sizes.get("station") == 1 and shown == "position":
         refuse_bodies_in_rows(path, stated)
-    if shape and not wrong_scale and (shown != "position" or {"pressure", "actuation", "strain"} & set(recording)):
+    if shape and not unfit and (shown != "position" or {"pressure", "actuation", "strain"} & set(recording)):
         return FirstReading(recording, {})
     guess = guessed_table(path, stated)
-    if guess is None or (shape and not (guess.has_inputs or guess.trials or wrong_scale)) or "select" in stated:
+    if guess is None or (shape and not (guess.has_inputs or guess.trials or unfit)) or "select" in stated:
         return FirstReading(recording, {})
     return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
 
@@ -79,6 +81,11 @@ def too_large(recording: xr.Dataset) -> bool:
         return False
     position = recording["position"].values
     return max(extent(position[..., axis]) for axis in range(position.shape[-1])) > MILLIMETRES
+
+
+def named_by_a_path(recording: xr.Dataset) -> bool:
+    """Return whether a station has a dot in its name, as in field.pose, by which no parameter can be named."""
+    return "station" in recording.dims and any("." in str(name) for name in recording["station"].values)
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -144,9 +151,15 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
             both = f"; {shape.name} has {other.name} already" if shape is not None and other is not None else ""
             raise InputError(f"{log.name} holds inputs alone, and a study needs the shape too: add the recording to "
                              f"which it belongs, with a similar name, such as push_3.csv for push_3_log.csv{both}, or "
-                             "name its positions in a mapping")
+                             f"name its positions in a mapping{perhaps_a_place(log, options)}")
         pairs[shape] = pairs[shape]._replace(log=log, log_options=options or None)
     return [part for pair in in_folders([*pairs.values()]) for part in by_trial(pair)]
+
+
+def perhaps_a_place(log: Path, options: dict[str, Any]) -> str:
+    """Return the line of the history of a log that names columns which may be a place, if there is one."""
+    lines = history_of(read(log, mapping=options or None))
+    return "".join(f" ({line})" for line in lines if line.startswith(PERHAPS_A_PLACE))
 
 
 def in_folders(pairs: list[WithLog]) -> list[WithLog]:

@@ -34,7 +34,8 @@ def length_unit(case: Case) -> str:
     size = extent(recording["position"].values)
     if LEAST_BODY < size < MOST_BODY:
         return ""
-    return f"all positions are within {size:.3g} m, implausible for a soft body: check the unit of length"
+    return (f"all positions are within {size:.3g} m, implausible for a soft body: state the unit, such as "
+            'length_unit = "mm", in the mapping, or correct the positions')
 
 
 def extent(position: np.ndarray) -> float:
