@@ -61,9 +61,14 @@ def test_state_space_follows_small_steps(spatial):
         assert (content["input_unit"], units["angle_pair"]) == (["m", "rad", "N"], "rad")
 
 
+def guided() -> Model:
+    """A body whose tendons run along chords between guides."""
+    return pulled(2).with_(chambers=[replace(cord, spacing=0.05) for cord in pulled(2).chambers])
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [longer, tied])
-def test_state_space_of_a_body_that_lengthens_follows_small_steps(make):
+@pytest.mark.parametrize("make", [longer, tied, guided])
+def test_state_space_of_further_bodies_follows_small_steps(make):
     test_state_space_follows_small_steps(make())
 
 

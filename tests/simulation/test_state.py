@@ -9,7 +9,7 @@ from scipy.optimize import root
 
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
-from pliant.model import Model, Station, chain_model
+from pliant.model import Extension, Model, Station, Tendon, chain_model
 from pliant.simulation import Trace, equilibrium, modes, simulate
 
 
@@ -150,6 +150,20 @@ def test_modes_of_an_unstable_shape_are_refused():
         modes(one, [0.0])
     with pytest.raises(InputError, match="expected 1 finite number"):
         modes(one, [0.0, 0.0])
+
+
+@pytest.mark.parametrize(("spacing", "lengthens"), [(0.03, False), (0.0, True), (0.03, True)])
+def test_the_inputs_that_hold_a_shape_include_the_sum_of_a_pairs_tensions(spacing, lengthens):
+    """It acts on chords between guides, and on the length; one of the pairs has a tendon that is slack."""
+    cords = [
+        Tendon.at_azimuth(turn, np.ones(3), name=name, lever=0.008, spacing=spacing, driven_by="displacement",
+                          line_stiffness=2000.0, pretension=force, pair=True)
+        for turn, name, force in ((0.0, "p", 5.0), (1.57, "q", 0.5))
+    ]  # fmt: skip
+    body = chain_model(length=0.12, mass=0.05, links=3, stiffness=0.05, damping=1e-3, space=True, chambers=cords,
+                       gravity=[0.0, 0.0, 9.81], extensions=(Extension(500.0, 1.0),) if lengthens else ())  # fmt: skip
+    level = [3e-3, 1e-3]
+    assert modes(body, equilibrium(body, level))[0] == pytest.approx(modes(body, pressure=level)[0], rel=1e-8)
 
 
 def test_stations_are_points_fixed_to_their_links():

@@ -31,7 +31,7 @@ NO_POINTS = "the outputs are the last tip, the joint angles and the strains, wit
 CAN = LATER_TERMS | {
     "springs", "drive", "chambers", "lengthening", "space_lengthening", "curved_segments", "tied_segments", "gravity",
     "softening", "bounded", "law", "own_law", "lagging_law", "dead_time", "lag", "second_order", "settling", "creep",
-    "space", "twist", "soft_swing", "tendons", "pair_pretension",
+    "space", "twist", "soft_swing", "tendons", "tendon_chords", "pair_pretension",
 }
 
 

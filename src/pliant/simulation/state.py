@@ -20,6 +20,7 @@ Array = np.ndarray
 UNSOLVED = 1e80  # size of coordinates after a step of tendons that did not converge, see `equations.tendon.step`
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 LET_OUT = 1e30  # N, less of which every tendon is slack
+SUMS = 50  # iterations of the sums of tensions of pairs, at most
 SLIGHT, HELD = 1e-5, 1e-4  # weight of small inputs; imbalance of a shape that is held, over its largest force
 BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
 LEAST_BEND = 1e-3  # rad, at the end of the search: less is no bend
@@ -188,7 +189,8 @@ def holding_inputs(model: Model, q: Array) -> Array:
     does not depend on the inputs.
 
     The forces are linear in the tension of each single tendon, in the difference of both tensions of a pair, and in the
-    torque of each chamber: bounded least squares with a slight preference for the values without inputs.
+    torque of each chamber: bounded least squares with a slight preference for the values without inputs. The sum of
+    both tensions of a pair, which acts on chords between guides and on segments that lengthen, follows by iteration.
 
     Raises
     ------
@@ -206,21 +208,35 @@ def holding_inputs(model: Model, q: Array) -> Array:
     levers = actuation.levers + 2.0 * chain.body.chord * x
     still = pretension - stiffness * ((levers - chain.body.chord * x) @ x)  # signed forces without inputs
     cords = [np.flatnonzero(row[model.size :]) for row in actuation.columns]
-    effect = np.array([levers[rows[0]] if rows.size else row[: model.size]
+    effect = np.array([row[: model.size] + half_sum(levers[rows], (1.0, -1.0))
                        for rows, row in zip(cords, actuation.columns, strict=True)]).T  # fmt: skip
+    shared = np.array([half_sum(levers[rows], (1.0, 1.0)) for rows in cords if rows.size == 2]).reshape(-1, model.size)
     lowest = np.array([max(still[rows[0]], 0.0) if rows.size == 1 else -np.inf for rows in cords])
     rest = np.where(np.isfinite(lowest), lowest, 0.0)
     weight = SLIGHT * float(np.abs(effect).max()) * np.eye(len(cords))
-    rows = np.concatenate([effect, weight]), np.append(-slack, weight @ rest)
-    net = lsq_linear(*rows, bounds=(lowest, np.inf), tol=1e-14).x
-    values = [commanded(force, still[cord]) for force, cord in zip(net, cords, strict=True)]
-    torque = np.asarray(values @ actuation.columns)
+    sums = np.array([still[rows].sum() for rows in cords if rows.size == 2])
+    for _ in range(SUMS):
+        rows = np.concatenate([effect, weight]), np.append(-slack - sums @ shared, weight @ rest)
+        net = lsq_linear(*rows, bounds=(lowest, np.inf), tol=1e-14).x
+        values = [commanded(force, still[cord]) for force, cord in zip(net, cords, strict=True)]
+        torque = np.asarray(values @ actuation.columns)
+        tensions, before = np.maximum(still + torque[model.size :], 0.0), sums
+        sums = np.array([tensions[rows].sum() for rows in cords if rows.size == 2])
+        if not shared.any() or np.allclose(sums, before, rtol=1e-10, atol=0.0):
+            break
     if np.abs(chain.static_forces(x, torque)).max() > HELD * np.abs(slack).max():
         raise InputError(
             f"no values of the inputs of {model.name!r} ({actuation.listing}) hold this shape, so that it is unknown "
             "which tendons are slack: give the values as `pressure`"
         )
     return torque
+
+
+def half_sum(arms: Array, signs: tuple[float, float]) -> Array | float:
+    """Return the lever arms (N,) [m] on which a single tendon, or half of both tensions of a pair with `signs`, acts;
+    0 without tendons. `arms` (tendons, N) are those of the input's tendons.
+    """
+    return 0.5 * (signs[0] * arms[0] + signs[1] * arms[1]) if len(arms) == 2 else arms[0] if len(arms) else 0.0
 
 
 def commanded(net: float, still: Array) -> float:
