@@ -37,8 +37,16 @@ def expanded(content: Any) -> Any:
     if tables(fits := content.get("fits")):
         content["fits"] = {name: ungrouped(fit_of(name, fits, ()), groups) for name in fits}
     if isinstance(content.get("model_selection"), Mapping):
+        refuse_stages(content["model_selection"])
         content["model_selection"] = ungrouped(content["model_selection"], groups)
     return content
+
+
+def refuse_stages(entry: Mapping[str, Any]) -> None:
+    """Raise InputError for entries of earlier versions, whose stages held-out recordings chose."""
+    if old := [key for key in ("choose_by", "stages", "starts") if key in entry]:
+        raise InputError(f"[model_selection] has {old[0]}, which is no entry any more, because the training recordings "
+                         "choose the terms: remove it, and name terms in `terms` or `without` to restrict the choice")
 
 
 def tables(content: Any) -> bool:
