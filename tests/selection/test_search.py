@@ -12,7 +12,7 @@ import pytest
 from pliant.errors import FitError, InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.identification.parameters import apply
-from pliant.model import Chamber, Extension, Memory, Model, Station, chain_model
+from pliant.model import Chamber, Extension, Memory, Model, Station, Valve, chain_model
 from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms_for
 from pliant.selection.criterion import parts_of
 from pliant.selection.first_model import beginning, determined, scale_of
@@ -358,6 +358,34 @@ def test_pulses_of_nominal_pressure_show_the_curvature_of_the_torque_law():
     held = Trace([0.0, 2.0], [1e5, 1e5])
     above = [replace(e, pressure=held) for e in measured]
     assert not laws & {t.name for t in terms_for(GIVEN, above)}
+
+
+def test_what_a_regulator_leaves_is_found_where_the_pressure_was_not_measured():
+    """Steps to nominal levels, of which a regulator leaves 8 kPa."""
+    levels = (2e4, 4e4, 6e4, 8e4)
+    filled = chain(chambers=(Chamber([6e-7], valve=Valve(dead_band=8e3)),))
+    train = []
+    for k, level in enumerate(levels):
+        one = seen(filled, f"to_{level:.0f}", level, k).of_frames(TIMES < 0.95)
+        train.append(replace(one, excitation="step", pressure=None, level=level))
+    terms = terms_for(GIVEN, train, only=["dead_band", "fill", "torque_2", "torque_3"])
+    assert {t.name for t in terms} == {"dead_band", "fill", "torque_2", "torque_3"}
+    found = select_model(train, GIVEN, terms=terms)
+    assert "dead_band" in found.terms
+    assert found.result.values["valve_dead_band"] == pytest.approx(8e3, rel=0.1)
+    assert found.steps[-1].left_out_percent < 0.3 * found.steps[0].left_out_percent
+
+
+def test_regulators_are_looked_for_where_the_pressure_was_not_measured():
+    measured = two(chain())
+    of_pulses = {"vent", "fill", "opening", "dead_band"}
+
+    def offered(**changes):
+        return {t.name for t in terms_for(GIVEN, [replace(e, **changes) for e in measured])} & of_pulses
+
+    assert offered() == set()
+    assert offered(excitation="pulse", pressure=None, level=5e4) == of_pulses
+    assert offered(excitation="step", pressure=None, level=5e4) == of_pulses - {"vent"}
 
 
 @pytest.mark.parametrize(("damping", "gravity"), [(0.05, 0.0), (0.2, 0.0), (0.2, 0.5)])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,6 +44,9 @@ TERMS = {  # the names of all terms, and what they add
     "bounded_wall": "a bound of the wall's stretch",
     "lag": "lag of the input",
     "vent": "a limited rate of the falling pressure",
+    "fill": "a limited rate of the rising pressure",
+    "opening": "chambers that fill and vent through an opening",
+    "dead_band": "a dead band of the regulator",
     "settle": "late settling of the input",
     "clock": "offset of the input's clock",
     "base": "error of the base tangent",
@@ -265,8 +268,7 @@ def paths_of_tendons(model: Model) -> Iterator[Term]:
         yield term("taper", "", [Parameter("taper", 0.0)], {"taper": 0.0})
     if not any(c.value_of("spacing") for _, c in cords):
         length = float(model.base_length + model.link_length.sum()) / model.n
-        yield term("spacing", "", [Parameter("spacing", length)], {},
-                   grid=tuple({"spacing": part * length} for part in (0.5, 1.0)))
+        yield tried("spacing", "spacing", (0.5 * length, length))
 
 
 def together(name: str, one: Term, other: Term) -> Term:
@@ -309,12 +311,27 @@ def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
         names = [f"{start}valve_rise_time", f"{start}valve_fall_time"]
         yield term("lag", start, [Parameter(n, 0.02) for n in names], dict.fromkeys(names, 0.0))
     if slow:
-        if any(p.excitation == "pulse" for p in driven):
-            yield term("vent", "", [Parameter("valve_fall_rate", 1e5)], {},
-                       grid=tuple({"valve_fall_rate": v} for v in (3e4, 1e5, 1e6)))
+        yield from regulators({e.excitation for e in driven})
         yield branch("settle", "", "valve_settle_share", "valve_settle_time", (0.3, 1.0, 3.0))
     if any(e.excitation == "trace" for e in driven):
         yield term("clock", "", [Parameter("start", 0.0)], {"start": 0.0})
+
+
+def regulators(excitations: Collection[str]) -> Iterator[Term]:
+    """Yield what may be between a nominal pressure and that in the chambers, for pulses and steps whose pressure was
+    not measured: limited rates or an opening, and a dead band.
+    """
+    if "pulse" in excitations:
+        yield tried("vent", "valve_fall_rate", (3e4, 1e5, 1e6))
+    if {"pulse", "step"} & {*excitations}:
+        yield tried("fill", "valve_rise_rate", (3e4, 1e5, 1e6), group="fill")
+        yield tried("opening", "valve_opening_time", (0.05, 0.2), group="fill")
+        yield term("dead_band", "", [Parameter("valve_dead_band", 0.0)], {"valve_dead_band": 0.0})
+
+
+def tried(name: str, parameter: str, grid: Sequence[float], **options: Any) -> Term:
+    """Return a term of one parameter whose law has no derivative where it has no effect, for the values of a grid."""
+    return term(name, "", [Parameter(parameter, grid[0])], {}, grid=tuple({parameter: v} for v in grid), **options)
 
 
 def shows_curvature(chamber: ActuationInput, driven: Sequence[Experiment]) -> bool:
