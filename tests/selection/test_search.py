@@ -17,7 +17,7 @@ from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms
 from pliant.selection.criterion import parts_of
 from pliant.selection.first_model import beginning, determined, scale_of
 from pliant.selection.fitted import FitSetting, fitted
-from pliant.selection.restart import restarted
+from pliant.selection.restart import exchanged, restarted
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
 from pliant.selection.search import Search
@@ -104,9 +104,9 @@ def test_the_search_leaves_optima_in_which_one_law_stands_for_another(values, se
         assert found.result.values[name] == pytest.approx(value, rel=0.1)
 
 
-def begun_with(name: str, values: dict[str, float], train: list[Experiment]) -> Search:
+def begun_with(name: str, values: dict[str, float], train: list[Experiment], other: str = "lag") -> Search:
     """A search whose first model has one term, fitted from start values of its parameters."""
-    terms = {t.name: t for t in terms_for(GIVEN, train, only=["lag", name])}
+    terms = {t.name: t for t in terms_for(GIVEN, train, only=[other, name])}
     setting = FitSetting(tuple(train), 0.005)
     parameters = [Parameter("stiffness", 0.5), Parameter("damping", 3e-3), Parameter("torque_1", 6e-7),
                   *(Parameter(n, v) for n, v in values.items())]  # fmt: skip
@@ -128,6 +128,22 @@ def test_a_term_that_stands_for_another_leaves_the_model_for_it():
     assert ("creep_share_1" in search.best.free) == (creep in search.chosen)
     assert search.score < 0.5 * before
     assert search.best.values["valve_rise_time"] > 0.03
+
+
+@pytest.mark.slow
+def test_an_alternative_takes_the_place_of_a_law_that_stands_for_it():
+    """A pressure at which the wall nearly gives way bends the body as an odd cubic law does, but later."""
+    walled = apply(chain(), {"inflation_limit": 1.6e5, "inflation_time": 0.1})
+    search = begun_with("torque_3", {"torque_3": 1e-17}, two(walled), "wall")
+    (cubic,), before = search.chosen, search.score
+    assert not exchanged(search, cubic, 0.0), "no time"
+    assert exchanged(search, cubic, 1.0)
+    assert [t.name for t in search.chosen] == ["wall"]
+    assert "torque_3" not in search.best.free
+    assert search.score < 0.5 * before
+    assert search.best.values["inflation_limit"] == pytest.approx(1.6e5, rel=0.05)
+    (wall,) = search.chosen
+    assert not exchanged(search, wall, 1.0), "it stands for nothing else"
 
 
 def test_a_restart_that_ends_no_better_leaves_the_search_as_it_was(monkeypatch):
@@ -360,6 +376,7 @@ def test_pulses_of_nominal_pressure_show_the_curvature_of_the_torque_law():
     assert not laws & {t.name for t in terms_for(GIVEN, above)}
 
 
+@pytest.mark.slow
 def test_what_a_regulator_leaves_is_found_where_the_pressure_was_not_measured():
     """Steps to nominal levels, of which a regulator leaves 8 kPa."""
     levels = (2e4, 4e4, 6e4, 8e4)

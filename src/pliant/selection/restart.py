@@ -40,10 +40,12 @@ def exchanged(search: RunningSearch, term: Term, share: float) -> bool:
     The screen of a law that acts nonlinearly, such as a hyperelastic wall, promises too little, and once another one
     has joined it is not tried again.
     """
+    if not term.group or search.needed(term):
+        return False
     names = {n for t in search.chosen for n in (t.name, *t.includes)}
     others = [t for t in search.terms if t.group == term.group and t is not term and t.name not in search.dropped
               and (not t.needs or t.needs in names)]  # fmt: skip
-    if not term.group or search.needed(term) or not search.has_time_for(sum(len(t.grid) for t in others), share):
+    if not search.has_time_for(sum(len(t.grid) for t in others), share):
         return False
     kept, ends = search.parameters_without(term), list[tuple[FittedModel, Term]]()
     for other in others:

@@ -239,16 +239,18 @@ def longest(experiments: Sequence[Experiment]) -> float:
 
 def relaxation(model: Model, longer: Sequence[Term], span: float) -> Iterator[Term]:
     """Yield creep of the joints, with one branch and a second one, friction of joints and tendons, and creep of a body
-    that lengthens, or that the term in `longer` lengthens, for recordings of up to `span` [s].
+    that lengthens, or that the term in `longer` lengthens, for recordings of up to `span` [s]. Settled poses show no
+    creep.
     """
-    yield creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), span)
-    yield creep("creep_2", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), span, needs="creep")
+    if span > 0.0:
+        yield creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), span)
+        yield creep("creep_2", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), span, needs="creep")
     yield branch("slip", "", "slip_share_1", "slip_angle_1", (0.003, 0.02, 0.1))
     if model.actuation.tendons:
         yield term("tendon_friction", "", [Parameter("friction", 0.1)], {"friction": NO_SHARE})
         yield term("entry_friction", "", [Parameter("entry_friction", 0.05)], {"entry_friction": NO_FORCE})
         yield from paths_of_tendons(model)
-    if mechanics_of(model).lengthens or longer:
+    if span > 0.0 and (mechanics_of(model).lengthens or longer):
         needs = next((t.name for t in longer), "")
         yield creep("axial_creep", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0), span, needs=needs)
         both = (creep("wall_creep", f"{axis}creep_share_1", f"{axis}creep_time_1", (0.7, 5.0, 20.0), span)
@@ -371,14 +373,19 @@ def places(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
 
 
 def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
-    """Yield a segment that lengthens under pressure, for a body of constant length in space, or in a plane if its
-    stations move apart by 1 %.
+    """Yield a segment that lengthens under pressure, or that tendons shorten, for a body of constant length in space,
+    or in a plane if its stations move apart by 1 %.
     """
     gains = [f"{start}axial_gain" for start, c in zip(prefixes(model), model.chambers, strict=True)
              if c.uses("axial_gain")]  # fmt: skip
     apart = max([grown(e) for e in experiments if not e.without_positions and len(e.stations) > 1], default=0.0)
     chain = mechanics_of(model)
-    if chain.lengthens or not gains or not apart > TERMS_OF_CHAINS[type(chain)].grown:
+    levers = [c.value_of("lever") for c in model.chambers if c.signs]
+    if chain.lengthens or not (gains or levers) or not apart > TERMS_OF_CHAINS[type(chain)].grown:
+        return
+    if not gains:  # of a round body whose radius is the distance of the tendons, and of softer ones
+        axial = 4.0 * float(model.stiffness.mean() * model.length) / model.n / float(np.mean(levers)) ** 2
+        yield tried("lengthening", "axial_stiffness", (0.3 * axial, axial), extension=Extension(axial, 0.05 * axial))
         return
     yield term("lengthening", "", [*(Parameter(n, 0.0) for n in gains), held("axial_stiffness", 1000.0),
                                    held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),
