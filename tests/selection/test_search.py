@@ -17,7 +17,7 @@ from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms
 from pliant.selection.criterion import parts_of
 from pliant.selection.first_model import beginning, determined, scale_of
 from pliant.selection.fitted import FitSetting, fitted
-from pliant.selection.restart import exchanged, restarted
+from pliant.selection.restart import exchanged, rescaled, restarted
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
 from pliant.selection.search import Search
@@ -144,6 +144,21 @@ def test_an_alternative_takes_the_place_of_a_law_that_stands_for_it():
     assert search.best.values["inflation_limit"] == pytest.approx(1.6e5, rel=0.05)
     (wall,) = search.chosen
     assert not exchanged(search, wall, 1.0), "it stands for nothing else"
+
+
+@pytest.mark.slow
+def test_a_held_stiffness_is_freed_where_the_body_rings():
+    """Held at ten times the true one, the body is over-damped; one that is over-damped indeed keeps it."""
+    slow = chain(stiffness=np.full(2, 5.0), damping=np.full(2, 2.0), torque=[6e-6])
+    for model, rings in ((chain(), True), (slow, False)):
+        setting, now = FitSetting(tuple(two(model)), 0.005), clock.monotonic()
+        parameters = [Parameter("stiffness", 5.0, free=False), Parameter("damping", 0.5), Parameter("torque_1", 6e-6)]
+        best = fitted(setting, GIVEN, parameters)
+        search = Search(setting, GIVEN, best, (), now, now + 300, lambda _line: None)
+        assert not rescaled(search, 0.0), "no time"
+        assert rescaled(search, 1.0) == rings
+        assert [t.name for t in search.chosen] == (["stiffness"] if rings else [])
+        assert search.best.values["stiffness"] == pytest.approx(0.5 if rings else 5.0, rel=0.03)
 
 
 def test_a_restart_that_ends_no_better_leaves_the_search_as_it_was(monkeypatch):

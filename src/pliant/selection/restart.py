@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pliant.errors import PliantError
-from pliant.selection.criterion import MATERIAL, at_bounds
+from pliant.selection.criterion import DETERMINED, MATERIAL, at_bounds
+from pliant.selection.first_model import on_scale, scale_of
 from pliant.selection.fitted import FittedModel
 from pliant.selection.running import RunningSearch
 from pliant.selection.terms import Term
+
+SCALES = (0.1, 0.3, 3.0)  # factors on stiffness, damping and torques with which a fit begins anew
 
 
 def restarted(search: RunningSearch, term: Term) -> bool:
@@ -53,6 +56,34 @@ def exchanged(search: RunningSearch, term: Term, share: float) -> bool:
         ends += [(end, other) for end in fits if not at_bounds(end, other)]
     best = min(ends, key=lambda e: search.scored(e[0]), default=None)
     return best is not None and adopted(search, *best, term, stays=False)
+
+
+def rescaled(search: RunningSearch, share: float) -> bool:
+    """Free a held stiffness, begun softer or stiffer with damping and torques in the same ratio, if left-out parts are
+    then predicted better by 3 %, the recordings determine it, and the trials take less than a `share` of the time left.
+    Return whether it is free now.
+
+    A first model that lacks the law of the torque may end over-damped, and no step of a fit leads from there to a
+    stiffness at which the body rings.
+    """
+    held, best = scale_of(search.best.parameters, search.stated), search.best
+    if not held or not search.has_time_for(len(SCALES), share):
+        return False
+    starts = [[p.with_(value=factor * p.value, free=p.free or p.name == "stiffness") if p.value and on_scale(p) else p
+               for p in best.parameters] for factor in SCALES]  # fmt: skip
+    fits = search.rough_fits(search.model(), starts)
+    try:
+        end = min(fits, key=search.scored, default=best)
+        end = end if search.late else search.converged(end, end.problem.size)
+    except PliantError:
+        return False
+    error, score = end.standard_errors.get("stiffness"), search.scored(end)
+    if error is None or error > DETERMINED * end.values["stiffness"] or score > (1 - MATERIAL) * search.score:
+        return False
+    search.chosen = [*search.chosen, *held]
+    search.adopt(end, score)
+    search.record("stiffness", "free stiffness, begun softer or stiffer")
+    return True
 
 
 def adopted(search: RunningSearch, end: FittedModel, other: Term, term: Term, *, stays: bool) -> bool:

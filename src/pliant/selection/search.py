@@ -23,7 +23,7 @@ from pliant.selection.fitted import (
     rivals_among,
     with_checked_step,
 )
-from pliant.selection.restart import exchanged, from_each_row, restarted
+from pliant.selection.restart import exchanged, from_each_row, rescaled, restarted
 from pliant.selection.result import ModelSelection, TriedTerm
 from pliant.selection.running import SAME, RunningSearch
 from pliant.selection.screen import TermProposal
@@ -88,6 +88,7 @@ class Search(RunningSearch):
             return OUT_OF_TIME if self.late else NO_BETTER
         self.record(joined.name, joined.title)
         exchanged(self, joined, EARLY)
+        rescaled(self, EARLY)
         return ""
 
     def next_proposal(
@@ -165,7 +166,7 @@ class Search(RunningSearch):
         if self.white or names in self.restarts:
             return False
         self.restarts.add(names)
-        better = [exchanged(self, t, 0.5) for t in list(self.chosen)]
+        better = [rescaled(self, 0.5), *(exchanged(self, t, 0.5) for t in list(self.chosen))]
         terms = [t for t in self.chosen if len(t.grid) > 1]
         better += [restarted(self, t) for t in terms if not self.needed(t) and self.has_time_for(4 + len(t.grid))]
         return any(better)
