@@ -55,16 +55,6 @@ def edges(exp: Experiment) -> dict[str, float]:
     return {"start": onset, "stop": max(plateau, onset + 1e-3)}
 
 
-def edge_bounds(exp: Experiment, name: str) -> tuple[float, float]:
-    """Return the lowest and highest value [s] of an edge time of a recording: its duration before its first frame and
-    after its last. A pressure does not start before the first frame of a body at rest, which would then be at rest
-    under it, whenever it started.
-    """
-    first, last, span = float(exp.time[0]), float(exp.time[-1]), float(np.ptp(exp.time))
-    still = exp.start.from_rest and name.rpartition(".")[2] == "start"
-    return first if still else first - span, last + span
-
-
 def advance(exp: Experiment) -> Array:
     """Return the signed displacement (T,) [m; angles: rad] of the last station along its main direction of motion, in T
     frames.

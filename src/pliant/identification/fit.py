@@ -12,7 +12,7 @@ import numpy as np
 from pliant.errors import FitError, InputError, PliantError
 from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.drives import at_rest, hardly_driven
-from pliant.identification.edges import edge_bounds, edges
+from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit_step import LONGEST, fit_step
 from pliant.identification.forward_model import held_note
@@ -287,9 +287,9 @@ def predict_held_out(
             time_step=time_step,
         )
     moments = best_edges(experiment, fitted, time_step)
-    for name, value in moments.items():
-        lower, upper = edge_bounds(experiment, name)
-        fixed.append(Parameter(name, value, lower=lower, upper=upper))
+    span = float(np.ptp(experiment.time))
+    low, high = float(experiment.time[0]) - span, float(experiment.time[-1]) + span
+    fixed += [Parameter(name, value, lower=low, upper=high) for name, value in moments.items()]
     fixed += carried_over(experiment, fitted)
     own_fit = fit([experiment], fitted.model, fixed, time_step=time_step, starts=1)
     return predict(own_fit.model, experiment, own_fit.values, time_step), own_fit
@@ -322,8 +322,7 @@ def best_edges(experiment: Experiment, fitted: FitResult, time_step: float) -> d
     others = values_of(carried_over(experiment, fitted))
     quarter = 0.25 / float(modes(fitted.model)[0][0])
     for name, time in list(times.items()):
-        lower = edge_bounds(experiment, name)[0]
-        moved = [max(time + k * quarter, lower) for k in sorted(range(-8, 9), key=abs)]
+        moved = [time + k * quarter for k in sorted(range(-8, 9), key=abs)]
         errors = [error_at(experiment, fitted, others | times | {name: moment}, time_step) for moment in moved]
         times[name] = moved[int(np.argmin(errors))]
     return times

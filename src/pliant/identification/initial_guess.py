@@ -11,7 +11,7 @@ import numpy as np
 from pliant.errors import FitError, InputError, SimulationError
 from pliant.identification.chamber_parameters import owners, prefixes
 from pliant.identification.drives import check_driven
-from pliant.identification.edges import edge_bounds, edges
+from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.names import declarations
 from pliant.identification.parameters import (
@@ -200,8 +200,11 @@ def prepare(
                          f"{', '.join(records) or 'none'}")  # fmt: skip
     names = {p.name for p in listed}
     for exp in experiments:
-        limits = {n: edge_bounds(exp, n) for n in exp.own_parameters if n not in names}
-        listed += [Parameter(n, lower=lower, upper=upper) for n, (lower, upper) in limits.items()]
+        span = float(np.ptp(exp.time))
+        listed += [
+            Parameter(n, lower=float(exp.time[0]) - span, upper=float(exp.time[-1]) + span)
+            for n in exp.own_parameters if n not in names
+        ]
     listed += bands_of_layouts(listed, experiments, model)
     stations = {s for e in experiments for s in e.stations} | {s.name for s in model.points}
     others = {p.name.partition(".")[0] for p in listed if "." in p.name and not p.free}  # of an earlier fit
