@@ -15,7 +15,7 @@ from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Model, Station, Valve, chain_model
 from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms_for
 from pliant.selection.criterion import parts_of
-from pliant.selection.first_model import beginning, determined, scale_of
+from pliant.selection.first_model import beginning, determined, edge_times, scale_of
 from pliant.selection.fitted import FitSetting, fitted
 from pliant.selection.restart import exchanged, rescaled, restarted
 from pliant.selection.saved import SearchFile
@@ -389,6 +389,20 @@ def test_pulses_of_nominal_pressure_show_the_curvature_of_the_torque_law():
     held = Trace([0.0, 2.0], [1e5, 1e5])
     above = [replace(e, pressure=held) for e in measured]
     assert not laws & {t.name for t in terms_for(GIVEN, above)}
+
+
+def test_a_pressure_that_was_not_measured_switches_near_the_time_that_the_motion_shows():
+    measured = two(chain())
+    for one in measured:
+        assert edge_times(one) == []
+        pulse = replace(one, excitation="pulse", pressure=None, level=5e4)
+        start, stop = edge_times(pulse)
+        assert [start.name, stop.name] == [f"{one.name}.start", f"{one.name}.stop"]
+        assert 0.0 <= start.lower < 0.1 < start.upper < 0.3
+        assert 0.8 < stop.lower < 1.0 < stop.upper < 1.2
+    step = replace(measured[0].of_frames(TIMES > 0.11), excitation="step", pressure=None, level=5e4)
+    (start,) = edge_times(step)
+    assert start.lower == step.time[0], "it would be at rest under the pressure"
 
 
 @pytest.mark.slow
