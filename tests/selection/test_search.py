@@ -316,7 +316,7 @@ def steps_of(names: str, scores: dict[str, float], monkeypatch, *, broken: str =
 
     def fit_of(name: str, score: float) -> SimpleNamespace:
         return SimpleNamespace(problem=SimpleNamespace(size=1.0, learns=False, free=()), cost=1.0, values={}, free=(),
-                               name=name, score=score)  # fmt: skip
+                               parameters=(), name=name, score=score)  # fmt: skip
 
     def converged(fit, _weight):
         if fit.name == broken:
@@ -430,8 +430,10 @@ def test_regulators_are_looked_for_where_the_pressure_was_not_measured():
         return {t.name for t in terms_for(GIVEN, [replace(e, **changes) for e in measured])} & of_pulses
 
     assert offered() == set()
-    assert offered(excitation="pulse", pressure=None, level=5e4) == of_pulses
-    assert offered(excitation="step", pressure=None, level=5e4) == of_pulses - {"vent"}
+    assert offered(excitation="pulse", pressure=None, level=5e4) == of_pulses - {"dead_band"}
+    assert offered(excitation="step", pressure=None, level=5e4) == {"fill", "opening"}
+    levels = [replace(measured[0], excitation="step", pressure=None, level=level) for level in (1e4, 2e4, 3e4)]
+    assert "dead_band" in {t.name for t in terms_for(GIVEN, levels)}, "two levels do not tell it from a curvature"
 
 
 @pytest.mark.parametrize(("damping", "gravity"), [(0.05, 0.0), (0.2, 0.0), (0.2, 0.5)])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ NO_FORCE = 1e-6  # N at which the friction of a tendon has no effect
 REST = 0.1  # rad, of a joint: standard deviation of the rest turn about that of the model
 WIDE = 0.5  # of an input's highest value, down to which it must come to show the curvature of its torque law
 LONGER = 2.0  # length of a recording over a time of creep, from which a time as long as the recording is tried too
+LEVELS = 3  # of nominal pressures that show a dead band
 GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
 TERMS = {  # the names of all terms, and what they add
     "joints": "stiffness of each joint",
@@ -313,21 +314,23 @@ def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
         names = [f"{start}valve_rise_time", f"{start}valve_fall_time"]
         yield term("lag", start, [Parameter(n, 0.02) for n in names], dict.fromkeys(names, 0.0))
     if slow:
-        yield from regulators({e.excitation for e in driven})
+        yield from regulators([e for e in driven if e.excitation in ("pulse", "step")])
         yield branch("settle", "", "valve_settle_share", "valve_settle_time", (0.3, 1.0, 3.0))
     if any(e.excitation == "trace" for e in driven):
         yield term("clock", "", [Parameter("start", 0.0)], {"start": 0.0})
 
 
-def regulators(excitations: Collection[str]) -> Iterator[Term]:
+def regulators(nominal: Sequence[Experiment]) -> Iterator[Term]:
     """Yield what may be between a nominal pressure and that in the chambers, for pulses and steps whose pressure was
-    not measured: limited rates or an opening, and a dead band.
+    not measured: limited rates or an opening, and a dead band. Two levels do not tell a dead band from the curvature of
+    a torque law.
     """
-    if "pulse" in excitations:
+    if any(e.excitation == "pulse" for e in nominal):
         yield tried("vent", "valve_fall_rate", (3e4, 1e5, 1e6))
-    if {"pulse", "step"} & {*excitations}:
+    if nominal:
         yield tried("fill", "valve_rise_rate", (3e4, 1e5, 1e6), group="fill")
         yield tried("opening", "valve_opening_time", (0.05, 0.2), group="fill")
+    if len({e.level for e in nominal}) >= LEVELS:
         yield term("dead_band", "", [Parameter("valve_dead_band", 0.0)], {"valve_dead_band": 0.0})
 
 
