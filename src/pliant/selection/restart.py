@@ -13,7 +13,7 @@ from pliant.selection.criterion import DETERMINED, MATERIAL, at_bounds
 from pliant.selection.first_model import on_scale, scale_of
 from pliant.selection.fitted import FittedModel
 from pliant.selection.running import RunningSearch
-from pliant.selection.terms import Term
+from pliant.selection.terms import LEVELS, Term, levels
 
 SCALES = (0.1, 0.3, 3.0)  # factors on stiffness, damping and torques with which a fit begins anew
 
@@ -41,9 +41,9 @@ def exchanged(search: RunningSearch, term: Term, share: float) -> bool:
     one.
 
     The screen of a law that acts nonlinearly, such as a hyperelastic wall, promises too little, and once another one
-    has joined it is not tried again.
+    has joined it is not tried again. Two levels do not show which law holds between them: then the screen decides.
     """
-    if not term.group or search.needed(term):
+    if not term.group or search.needed(term) or levels(search.setting.experiments) < LEVELS:
         return False
     names = {n for t in search.chosen for n in (t.name, *t.includes)}
     others = [t for t in search.terms if t.group == term.group and t is not term and t.name not in search.dropped

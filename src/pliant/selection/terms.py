@@ -20,7 +20,7 @@ NO_FORCE = 1e-6  # N at which the friction of a tendon has no effect
 REST = 0.1  # rad, of a joint: standard deviation of the rest turn about that of the model
 WIDE = 0.5  # of an input's highest value, down to which it must come to show the curvature of its torque law
 LONGER = 2.0  # length of a recording over a time of creep, from which a time as long as the recording is tried too
-LEVELS = 3  # of nominal pressures that show a dead band
+LEVELS = 3  # that show a dead band, or which of several torque laws holds
 GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
 TERMS = {  # the names of all terms, and what they add
     "joints": "stiffness of each joint",
@@ -330,8 +330,16 @@ def regulators(nominal: Sequence[Experiment]) -> Iterator[Term]:
     if nominal:
         yield tried("fill", "valve_rise_rate", (3e4, 1e5, 1e6), group="fill")
         yield tried("opening", "valve_opening_time", (0.05, 0.2), group="fill")
-    if len({e.level for e in nominal}) >= LEVELS:
+    if levels(nominal) >= LEVELS:
         yield term("dead_band", "", [Parameter("valve_dead_band", 0.0)], {"valve_dead_band": 0.0})
+
+
+def levels(experiments: Sequence[Experiment]) -> int:
+    """Return how many highest inputs, that differ in their first two digits, the driven recordings have."""
+    highest = [abs(e.level) if e.excitation in ("pulse", "step") else
+               max((abs(t.peak) for t in e.traces.values()), default=0.0)
+               for e in experiments if e.excitation != "release"]  # fmt: skip
+    return len({f"{value:.1e}" for value in highest})
 
 
 def tried(name: str, parameter: str, grid: Sequence[float], **options: Any) -> Term:
