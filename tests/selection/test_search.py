@@ -135,7 +135,8 @@ def test_an_alternative_takes_the_place_of_a_law_that_stands_for_it():
     """A pressure at which the wall nearly gives way bends the body as an odd cubic law does, but later."""
     walled = apply(chain(), {"inflation_limit": 1.6e5, "inflation_time": 0.1})
     train = [*two(walled), seen(walled, "middle", 7e4, 3)]
-    assert not exchanged(few := begun_with("torque_3", {"torque_3": 1e-17}, train[:2], "wall"), few.chosen[0], 1.0)
+    few = begun_with("torque_3", {"torque_3": 1e-17}, train[:2], "wall")
+    assert not exchanged(few, few.chosen[0], 1.0), "two levels do not show the law between them"
     search = begun_with("torque_3", {"torque_3": 1e-17}, train, "wall")
     (cubic,), before = search.chosen, search.score
     assert not exchanged(search, cubic, 0.0), "no time"
