@@ -83,7 +83,7 @@ def slow_start(
     notify: Notify,
 ) -> Begun | None:
     """Return what `first_model` returns for a slow body; None, with a warning, if that start cannot be simulated."""
-    lengthening = next((t for t in terms if t.extension and t.null), None)
+    lengthening = next((t for t in terms if t.extension), None)
     try:
         return slow.first_model(model, common, lengthening, time_step)
     except PliantError as error:

@@ -384,19 +384,14 @@ def places(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
 
 
 def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
-    """Yield a segment that lengthens under pressure, or that tendons shorten, for a body of constant length in space,
-    or in a plane if its stations move apart by 1 %.
+    """Yield a segment that lengthens under pressure, for a body of constant length in space, or in a plane if its
+    stations move apart by 1 %.
     """
     gains = [f"{start}axial_gain" for start, c in zip(prefixes(model), model.chambers, strict=True)
              if c.uses("axial_gain")]  # fmt: skip
     apart = max([grown(e) for e in experiments if not e.without_positions and len(e.stations) > 1], default=0.0)
     chain = mechanics_of(model)
-    levers = [c.value_of("lever") for c in model.chambers if c.signs]
-    if chain.lengthens or not (gains or levers) or not apart > TERMS_OF_CHAINS[type(chain)].grown:
-        return
-    if not gains:  # of a round body whose radius is the distance of the tendons, and of softer ones
-        axial = 4.0 * float(model.stiffness.mean() * model.length) / model.n / float(np.mean(levers)) ** 2
-        yield tried("lengthening", "axial_stiffness", (0.3 * axial, axial), extension=Extension(axial, 0.05 * axial))
+    if chain.lengthens or not gains or not apart > TERMS_OF_CHAINS[type(chain)].grown:
         return
     yield term("lengthening", "", [*(Parameter(n, 0.0) for n in gains), held("axial_stiffness", 1000.0),
                                    held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),
