@@ -12,12 +12,12 @@ import pytest
 from pliant.errors import FitError, InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.identification.parameters import apply
-from pliant.model import Chamber, Extension, Memory, Model, Station, chain_model
+from pliant.model import Chamber, Extension, Memory, Model, Station, Valve, chain_model
 from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms_for
 from pliant.selection.criterion import parts_of
-from pliant.selection.first_model import beginning, determined, scale_of
+from pliant.selection.first_model import beginning, determined, edge_times, scale_of
 from pliant.selection.fitted import FitSetting, fitted
-from pliant.selection.restart import restarted
+from pliant.selection.restart import exchanged, rescaled, restarted
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
 from pliant.selection.search import Search
@@ -104,9 +104,9 @@ def test_the_search_leaves_optima_in_which_one_law_stands_for_another(values, se
         assert found.result.values[name] == pytest.approx(value, rel=0.1)
 
 
-def begun_with(name: str, values: dict[str, float], train: list[Experiment]) -> Search:
+def begun_with(name: str, values: dict[str, float], train: list[Experiment], other: str = "lag") -> Search:
     """A search whose first model has one term, fitted from start values of its parameters."""
-    terms = {t.name: t for t in terms_for(GIVEN, train, only=["lag", name])}
+    terms = {t.name: t for t in terms_for(GIVEN, train, only=[other, name])}
     setting = FitSetting(tuple(train), 0.005)
     parameters = [Parameter("stiffness", 0.5), Parameter("damping", 3e-3), Parameter("torque_1", 6e-7),
                   *(Parameter(n, v) for n, v in values.items())]  # fmt: skip
@@ -128,6 +128,40 @@ def test_a_term_that_stands_for_another_leaves_the_model_for_it():
     assert ("creep_share_1" in search.best.free) == (creep in search.chosen)
     assert search.score < 0.5 * before
     assert search.best.values["valve_rise_time"] > 0.03
+
+
+@pytest.mark.slow
+def test_an_alternative_takes_the_place_of_a_law_that_stands_for_it():
+    """A pressure at which the wall nearly gives way bends the body as an odd cubic law does, but later."""
+    walled = apply(chain(), {"inflation_limit": 1.6e5, "inflation_time": 0.1})
+    train = [*two(walled), seen(walled, "middle", 7e4, 3)]
+    few = begun_with("torque_3", {"torque_3": 1e-17}, train[:2], "wall")
+    assert not exchanged(few, few.chosen[0], 1.0), "two levels do not show the law between them"
+    search = begun_with("torque_3", {"torque_3": 1e-17}, train, "wall")
+    (cubic,), before = search.chosen, search.score
+    assert not exchanged(search, cubic, 0.0), "no time"
+    assert exchanged(search, cubic, 1.0)
+    assert [t.name for t in search.chosen] == ["wall"]
+    assert "torque_3" not in search.best.free
+    assert search.score < 0.5 * before
+    assert search.best.values["inflation_limit"] == pytest.approx(1.6e5, rel=0.05)
+    (wall,) = search.chosen
+    assert not exchanged(search, wall, 1.0), "it stands for nothing else"
+
+
+@pytest.mark.slow
+def test_a_held_stiffness_is_freed_where_the_body_rings():
+    """Held at ten times the true one, the body is over-damped; one that is over-damped indeed keeps it."""
+    slow = chain(stiffness=np.full(2, 5.0), damping=np.full(2, 2.0), torque=[6e-6])
+    for model, rings in ((chain(), True), (slow, False)):
+        setting, now = FitSetting(tuple(two(model)), 0.005), clock.monotonic()
+        parameters = [Parameter("stiffness", 5.0, free=False), Parameter("damping", 0.5), Parameter("torque_1", 6e-6)]
+        best = fitted(setting, GIVEN, parameters)
+        search = Search(setting, GIVEN, best, (), now, now + 300, lambda _line: None)
+        assert not rescaled(search, 0.0), "no time"
+        assert rescaled(search, 1.0) == rings
+        assert [t.name for t in search.chosen] == (["stiffness"] if rings else [])
+        assert search.best.values["stiffness"] == pytest.approx(0.5 if rings else 5.0, rel=0.03)
 
 
 def test_a_restart_that_ends_no_better_leaves_the_search_as_it_was(monkeypatch):
@@ -285,7 +319,7 @@ def steps_of(names: str, scores: dict[str, float], monkeypatch, *, broken: str =
 
     def fit_of(name: str, score: float) -> SimpleNamespace:
         return SimpleNamespace(problem=SimpleNamespace(size=1.0, learns=False, free=()), cost=1.0, values={}, free=(),
-                               name=name, score=score)  # fmt: skip
+                               parameters=(), name=name, score=score)  # fmt: skip
 
     def converged(fit, _weight):
         if fit.name == broken:
@@ -358,6 +392,51 @@ def test_pulses_of_nominal_pressure_show_the_curvature_of_the_torque_law():
     held = Trace([0.0, 2.0], [1e5, 1e5])
     above = [replace(e, pressure=held) for e in measured]
     assert not laws & {t.name for t in terms_for(GIVEN, above)}
+
+
+def test_a_pressure_that_was_not_measured_switches_near_the_time_that_the_motion_shows():
+    measured = two(chain())
+    for one in measured:
+        assert edge_times(one) == []
+        pulse = replace(one, excitation="pulse", pressure=None, level=5e4)
+        start, stop = edge_times(pulse)
+        assert [start.name, stop.name] == [f"{one.name}.start", f"{one.name}.stop"]
+        assert 0.0 <= start.lower < 0.1 < start.upper < 0.3
+        assert 0.8 < stop.lower < 1.0 < stop.upper < 1.2
+    step = replace(measured[0].of_frames(TIMES > 0.11), excitation="step", pressure=None, level=5e4)
+    (start,) = edge_times(step)
+    assert start.lower == step.time[0], "it would be at rest under the pressure"
+
+
+@pytest.mark.slow
+def test_what_a_regulator_leaves_is_found_where_the_pressure_was_not_measured():
+    """Steps to nominal levels, of which a regulator leaves 8 kPa."""
+    levels = (2e4, 4e4, 6e4, 8e4)
+    filled = chain(chambers=(Chamber([6e-7], valve=Valve(dead_band=8e3)),))
+    train = []
+    for k, level in enumerate(levels):
+        one = seen(filled, f"to_{level:.0f}", level, k).of_frames(TIMES < 0.95)
+        train.append(replace(one, excitation="step", pressure=None, level=level))
+    terms = terms_for(GIVEN, train, only=["dead_band", "fill", "torque_2", "torque_3"])
+    assert {t.name for t in terms} == {"dead_band", "fill", "torque_2", "torque_3"}
+    found = select_model(train, GIVEN, terms=terms)
+    assert "dead_band" in found.terms
+    assert found.result.values["valve_dead_band"] == pytest.approx(8e3, rel=0.1)
+    assert found.steps[-1].left_out_percent < 0.3 * found.steps[0].left_out_percent
+
+
+def test_regulators_are_looked_for_where_the_pressure_was_not_measured():
+    measured = two(chain())
+    of_pulses = {"vent", "fill", "opening", "dead_band"}
+
+    def offered(**changes):
+        return {t.name for t in terms_for(GIVEN, [replace(e, **changes) for e in measured])} & of_pulses
+
+    assert offered() == set()
+    assert offered(excitation="pulse", pressure=None, level=5e4) == of_pulses - {"dead_band"}
+    assert offered(excitation="step", pressure=None, level=5e4) == {"fill", "opening"}
+    levels = [replace(measured[0], excitation="step", pressure=None, level=level) for level in (1e4, 2e4, 3e4)]
+    assert "dead_band" in {t.name for t in terms_for(GIVEN, levels)}, "two levels do not tell it from a curvature"
 
 
 @pytest.mark.parametrize(("damping", "gravity"), [(0.05, 0.0), (0.2, 0.0), (0.2, 0.5)])

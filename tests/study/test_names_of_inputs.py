@@ -11,6 +11,7 @@ from pliant.recording import read
 from pliant.study.column_guess import guessed_table
 from pliant.study.draft import draft_study
 from pliant.study.first_reading import read_or_guess
+from pliant.study.schema import load_study
 
 SMALL = table(1.0)[:, 1]
 JITTER = np.random.default_rng(1)
@@ -133,3 +134,15 @@ def test_whole_seconds_beside_a_pressure(tmp_path):
     path.write_text("\n".join(f"{1_760_000_000 + k},{101325 + 1e3 * p:.0f}," + ",".join(f"{v:.6f}" for v in x)
                               for k, (p, x) in enumerate(zip(KPA, TIP / 1e3, strict=True))) + "\n")
     assert guessed_table(path).mapping.get("time") != [0, 1]
+
+
+def test_channels_with_a_dot_drive_chambers_whose_parameters_can_be_named(tmp_path):
+    path = written(tmp_path / "a.csv", ["t", *AXES, "p1", "p2"], TIMES, BASE, TIP, KPA, 0.4 * KPA[::-1])
+    places = {"base": {"position": [1, 2, 3]}, "tip": {"position": [4, 5, 6]}}
+    mapping = {"time": 0, "header": True, "length_unit": "mm", "stations": places,
+               "pressure": {"columns": [7, 8], "unit": "kPa", "chamber": ["1.1", "1.2"]}}  # fmt: skip
+    draft = draft_study([path], tmp_path / "s.toml", mapping=mapping, length=0.12, mass=0.05)
+    (tmp_path / "s.toml").write_text(draft.text)
+    study = load_study(tmp_path / "s.toml")
+    assert [c.name for c in study.actuator.chambers] == ["1_1", "1_2"]
+    assert study.recordings["a"].drive == {"1_1": "1.1", "1_2": "1.2"}

@@ -12,6 +12,7 @@ import numpy as np
 from pliant.errors import PliantError, SimulationError
 from pliant.identification.chamber_parameters import ALIKE_GAINS, OF_ONE_SIGN, has_effect, prefixes
 from pliant.identification.drives import pressures_at
+from pliant.identification.edges import displacement, edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.names import path_of
 from pliant.identification.parameters import Parameter, shared_name
@@ -32,6 +33,7 @@ STIFFER = 10.0  # factor between the softer stiffnesses that are tried, from the
 NEARLY = 1.2  # largest ratio of the cost with a softer stiffness to the cost of the fit
 MOST_DOUBLINGS = 60
 HARDLY = 0.2  # of the range of the input that moves most: an input that moves less hardly moves
+EDGE = 0.02  # of the duration of a recording: how near edges that its motion shows are, at least
 BESIDE = 0.1  # of the length: farther from the axis than a marker on a body lies
 STILL, LEAST_MOVED = 0.005, 0.05  # of that: an input that moves less never moves; has a prior as close as this
 LEAST_SCATTER = 1.0  # of the mean: standard deviation of alike gains, at least
@@ -51,7 +53,25 @@ def beginning(model: Model, train: Sequence[Experiment], common: Sequence[Entry]
         names += [n for n in ("axial_damping",) if n not in kinds]
         names += [f"{start}axial_gain" for start, chamber in zip(prefixes(model), model.chambers, strict=True)
                   if chamber.uses("axial_gain") and f"{start}axial_gain" not in stated]  # fmt: skip
-    return [*common, *names]
+    return [*common, *names, *(p for e in train for p in edge_times(e) if p.name not in stated)]
+
+
+def edge_times(exp: Experiment) -> list[Parameter]:
+    """Return the times at which a pressure switches that was not measured, as near to those that the motion shows as it
+    takes to half its peak. A first model without the right law would move them anywhere, to a start before the first
+    frame too: at rest under pressure.
+    """
+    switching = [name for name in exp.own_parameters if name.rpartition(".")[2] in ("start", "stop")]
+    if not switching:
+        return []
+    first, last, found = float(exp.time[0]), float(exp.time[-1]), edges(exp)
+    high = exp.time[displacement(exp) >= 0.5 * exp.travel]
+    half, listed = {"start": high[0], "stop": high[-1]}, []
+    for name in switching:
+        edge = name.rpartition(".")[2]
+        near = max(abs(float(half[edge]) - found[edge]), EDGE * (last - first))
+        listed.append(Parameter(name, lower=max(found[edge] - near, first), upper=min(found[edge] + near, last)))
+    return listed
 
 
 def torque_names(model: Model) -> list[str]:

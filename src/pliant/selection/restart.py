@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pliant.errors import PliantError
-from pliant.selection.criterion import MATERIAL, at_bounds
+from pliant.selection.criterion import DETERMINED, MATERIAL, at_bounds
+from pliant.selection.first_model import on_scale, scale_of
 from pliant.selection.fitted import FittedModel
 from pliant.selection.running import RunningSearch
-from pliant.selection.terms import Term
+from pliant.selection.terms import LEVELS, Term, levels
+
+SCALES = (0.1, 0.3, 3.0)  # factors on stiffness, damping and torques with which a fit begins anew
 
 
 def restarted(search: RunningSearch, term: Term) -> bool:
@@ -29,12 +32,70 @@ def restarted(search: RunningSearch, term: Term) -> bool:
     rows = [] if term.group and term.group == other.group else from_each_row(search, fit, term, other)
     ends = [(fit, False), *((end, True) for end in rows)]
     end, stays = min(ends, key=lambda e: search.scored(e[0]))
+    return adopted(search, end, other, term, stays=stays)
+
+
+def exchanged(search: RunningSearch, term: Term, share: float) -> bool:
+    """Adopt the model in which an alternative of a chosen term, of the same group, takes its place, if left-out parts
+    are then predicted better by 3 %, and the trials take less than a `share` of the time left. Return whether there is
+    one.
+
+    The screen of a law that acts nonlinearly, such as a hyperelastic wall, promises too little, and once another one
+    has joined it is not tried again. Two levels do not show which law holds between them: then the screen decides.
+    """
+    if not term.group or search.needed(term) or levels(search.setting.experiments) < LEVELS:
+        return False
+    names = {n for t in search.chosen for n in (t.name, *t.includes)}
+    others = [t for t in search.terms if t.group == term.group and t is not term and t.name not in search.dropped
+              and (not t.needs or t.needs in names)]  # fmt: skip
+    if not search.has_time_for(sum(len(t.grid) for t in others), share):
+        return False
+    kept, ends = search.parameters_without(term), list[tuple[FittedModel, Term]]()
+    for other in others:
+        fits = search.rough_fits(search.model(other), [[*kept, *other.begun(row, {})] for row in other.grid])
+        ends += [(end, other) for end in fits if not at_bounds(end, other)]
+    best = min(ends, key=lambda e: search.scored(e[0]), default=None)
+    return best is not None and adopted(search, *best, term, stays=False)
+
+
+def rescaled(search: RunningSearch, share: float) -> bool:
+    """Free a held stiffness, begun softer or stiffer with damping and torques in the same ratio, if left-out parts are
+    then predicted better by 3 %, the recordings determine it, and the trials take less than a `share` of the time left.
+    Return whether it is free now.
+
+    A first model that lacks the law of the torque may end over-damped, and no step of a fit leads from there to a
+    stiffness at which the body rings.
+    """
+    held, best = scale_of(search.best.parameters, search.stated), search.best
+    if not held or not search.has_time_for(len(SCALES), share):
+        return False
+    starts = [[p.with_(value=factor * p.value, free=p.free or p.name == "stiffness") if p.value and on_scale(p) else p
+               for p in best.parameters] for factor in SCALES]  # fmt: skip
+    fits = search.rough_fits(search.model(), starts)
+    try:
+        end = min(fits, key=search.scored, default=best)
+        end = end if search.late else search.converged(end, end.problem.size)
+    except PliantError:
+        return False
+    error, score = end.standard_errors.get("stiffness"), search.scored(end)
+    if error is None or error > DETERMINED * end.values["stiffness"] or score > (1 - MATERIAL) * search.score:
+        return False
+    search.chosen = [*search.chosen, *held]
+    search.adopt(end, score)
+    search.record("stiffness", "free stiffness, begun softer or stiffer")
+    return True
+
+
+def adopted(search: RunningSearch, end: FittedModel, other: Term, term: Term, *, stays: bool) -> bool:
+    """Adopt a rough fit in which the term `other` joined and a chosen one begins anew or, unless it `stays`, leaves, if
+    it predicts left-out parts better by 3 % when it has converged. Return whether it does.
+    """
     try:
         end = end if search.late else search.converged(end, end.problem.size)
     except PliantError:
         return False
     score = search.scored(end)
-    if score > (1 - MATERIAL) * search.score:
+    if score > (1 - MATERIAL) * search.score or at_bounds(end, other):
         return False
     search.chosen = [*(t for t in search.chosen if stays or t is not term), other]
     search.adopt(end, score)

@@ -232,9 +232,9 @@ class RunningSearch:
                     fits.append(self.refitted(model, start, roughly=True))
         return fits
 
-    def has_time_for(self, fits: int) -> bool:
-        """Return whether a number of rough fits takes less than half of the time that is left."""
-        return fits * ROUGH_EVALUATIONS * self.pace < 0.5 * self.time_left
+    def has_time_for(self, fits: int, share: float = 0.5) -> bool:
+        """Return whether a number of rough fits takes less than a `share` of the time that is left."""
+        return fits * ROUGH_EVALUATIONS * self.pace < share * self.time_left
 
     @property
     def white(self) -> bool:

@@ -24,7 +24,7 @@ from pliant.selection.fitted import (
     rivals_among,
     with_checked_step,
 )
-from pliant.selection.restart import from_each_row, restarted
+from pliant.selection.restart import exchanged, from_each_row, rescaled, restarted
 from pliant.selection.result import ModelSelection, TriedTerm
 from pliant.selection.running import SAME, RunningSearch
 from pliant.selection.screen import TermProposal
@@ -35,6 +35,7 @@ MUCH = 0.1  # of the criterion: a smaller gain does not keep a term that is not 
 REFITS = 3  # terms that are fitted in each step, those with the best screens
 MOST_REFITS = 6  # of them while none helps: a screen underestimates terms that act nonlinearly, such as friction
 LAST_EVALUATIONS = 60
+EARLY = 0.05  # of the time left: what the alternatives of a term that has just joined may take
 OUT_OF_TIME = "the time limit was reached: raise minutes to go on"
 NO_BETTER = "no further term lowers the squared error of left-out parts by 3 %"
 
@@ -88,6 +89,8 @@ class Search(RunningSearch):
         if joined is None:
             return OUT_OF_TIME if self.late else NO_BETTER
         self.record(joined.name, joined.title)
+        exchanged(self, joined, EARLY)
+        rescaled(self, EARLY)
         return ""
 
     def next_proposal(
@@ -158,15 +161,16 @@ class Search(RunningSearch):
             reason=f"left-out parts are predicted {'better' if helps else 'no better'} (error {by})")
 
     def restart_terms(self) -> bool:
-        """Fit terms with a grid anew, after other terms that explain the same residual. Return whether a model became
-        better.
+        """Try the alternatives of each term, and fit terms with a grid anew, after other terms that explain the same
+        residual. Return whether a model became better.
         """
         names = frozenset(t.name for t in self.chosen)
         if self.white or names in self.restarts:
             return False
         self.restarts.add(names)
+        better = [rescaled(self, 0.5), *(exchanged(self, t, 0.5) for t in list(self.chosen))]
         terms = [t for t in self.chosen if len(t.grid) > 1]
-        better = [restarted(self, t) for t in terms if not self.needed(t) and self.has_time_for(4 + len(t.grid))]
+        better += [restarted(self, t) for t in terms if not self.needed(t) and self.has_time_for(4 + len(t.grid))]
         return any(better)
 
     def drop_terms(self) -> bool:

@@ -20,6 +20,7 @@ NO_FORCE = 1e-6  # N at which the friction of a tendon has no effect
 REST = 0.1  # rad, of a joint: standard deviation of the rest turn about that of the model
 WIDE = 0.5  # of an input's highest value, down to which it must come to show the curvature of its torque law
 LONGER = 2.0  # length of a recording over a time of creep, from which a time as long as the recording is tried too
+LEVELS = 3  # that show a dead band, or which of several torque laws holds
 GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
 TERMS = {  # the names of all terms, and what they add
     "joints": "stiffness of each joint",
@@ -44,6 +45,9 @@ TERMS = {  # the names of all terms, and what they add
     "bounded_wall": "a bound of the wall's stretch",
     "lag": "lag of the input",
     "vent": "a limited rate of the falling pressure",
+    "fill": "a limited rate of the rising pressure",
+    "opening": "chambers that fill and vent through an opening",
+    "dead_band": "a dead band of the regulator",
     "settle": "late settling of the input",
     "clock": "offset of the input's clock",
     "base": "error of the base tangent",
@@ -236,16 +240,18 @@ def longest(experiments: Sequence[Experiment]) -> float:
 
 def relaxation(model: Model, longer: Sequence[Term], span: float) -> Iterator[Term]:
     """Yield creep of the joints, with one branch and a second one, friction of joints and tendons, and creep of a body
-    that lengthens, or that the term in `longer` lengthens, for recordings of up to `span` [s].
+    that lengthens, or that the term in `longer` lengthens, for recordings of up to `span` [s]. Settled poses show no
+    creep.
     """
-    yield creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), span)
-    yield creep("creep_2", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), span, needs="creep")
+    if span > 0.0:
+        yield creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), span)
+        yield creep("creep_2", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), span, needs="creep")
     yield branch("slip", "", "slip_share_1", "slip_angle_1", (0.003, 0.02, 0.1))
     if model.actuation.tendons:
         yield term("tendon_friction", "", [Parameter("friction", 0.1)], {"friction": NO_SHARE})
         yield term("entry_friction", "", [Parameter("entry_friction", 0.05)], {"entry_friction": NO_FORCE})
         yield from paths_of_tendons(model)
-    if mechanics_of(model).lengthens or longer:
+    if span > 0.0 and (mechanics_of(model).lengthens or longer):
         needs = next((t.name for t in longer), "")
         yield creep("axial_creep", "axial_creep_share_1", "axial_creep_time_1", (0.5, 3.0, 20.0), span, needs=needs)
         both = (creep("wall_creep", f"{axis}creep_share_1", f"{axis}creep_time_1", (0.7, 5.0, 20.0), span)
@@ -265,8 +271,7 @@ def paths_of_tendons(model: Model) -> Iterator[Term]:
         yield term("taper", "", [Parameter("taper", 0.0)], {"taper": 0.0})
     if not any(c.value_of("spacing") for _, c in cords):
         length = float(model.base_length + model.link_length.sum()) / model.n
-        yield term("spacing", "", [Parameter("spacing", length)], {},
-                   grid=tuple({"spacing": part * length} for part in (0.5, 1.0)))
+        yield tried("spacing", "spacing", (0.5 * length, length))
 
 
 def together(name: str, one: Term, other: Term) -> Term:
@@ -309,12 +314,37 @@ def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
         names = [f"{start}valve_rise_time", f"{start}valve_fall_time"]
         yield term("lag", start, [Parameter(n, 0.02) for n in names], dict.fromkeys(names, 0.0))
     if slow:
-        if any(p.excitation == "pulse" for p in driven):
-            yield term("vent", "", [Parameter("valve_fall_rate", 1e5)], {},
-                       grid=tuple({"valve_fall_rate": v} for v in (3e4, 1e5, 1e6)))
+        yield from regulators([e for e in driven if e.excitation in ("pulse", "step")])
         yield branch("settle", "", "valve_settle_share", "valve_settle_time", (0.3, 1.0, 3.0))
     if any(e.excitation == "trace" for e in driven):
         yield term("clock", "", [Parameter("start", 0.0)], {"start": 0.0})
+
+
+def regulators(nominal: Sequence[Experiment]) -> Iterator[Term]:
+    """Yield what may be between a nominal pressure and that in the chambers, for pulses and steps whose pressure was
+    not measured: limited rates or an opening, and a dead band. Two levels do not tell a dead band from the curvature of
+    a torque law.
+    """
+    if any(e.excitation == "pulse" for e in nominal):
+        yield tried("vent", "valve_fall_rate", (3e4, 1e5, 1e6))
+    if nominal:
+        yield tried("fill", "valve_rise_rate", (3e4, 1e5, 1e6), group="fill")
+        yield tried("opening", "valve_opening_time", (0.05, 0.2), group="fill")
+    if levels(nominal) >= LEVELS:
+        yield term("dead_band", "", [Parameter("valve_dead_band", 0.0)], {"valve_dead_band": 0.0})
+
+
+def levels(experiments: Sequence[Experiment]) -> int:
+    """Return how many highest inputs, that differ in their first two digits, the driven recordings have."""
+    highest = [abs(e.level) if e.excitation in ("pulse", "step") else
+               max((abs(t.peak) for t in e.traces.values()), default=0.0)
+               for e in experiments if e.excitation != "release"]  # fmt: skip
+    return len({f"{value:.1e}" for value in highest})
+
+
+def tried(name: str, parameter: str, grid: Sequence[float], **options: Any) -> Term:
+    """Return a term of one parameter whose law has no derivative where it has no effect, for the values of a grid."""
+    return term(name, "", [Parameter(parameter, grid[0])], {}, grid=tuple({parameter: v} for v in grid), **options)
 
 
 def shows_curvature(chamber: ActuationInput, driven: Sequence[Experiment]) -> bool:

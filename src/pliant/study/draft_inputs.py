@@ -13,7 +13,7 @@ import xarray as xr
 from pliant.preprocessing.detectors import without_spikes
 from pliant.recording.inputs import RecordedInput, inputs_at
 from pliant.study.first_reading import several
-from pliant.study.inspected import Inspected
+from pliant.study.inspected import Inspected, name_of_part
 from pliant.study.kinds import levels_by_name, named_kind
 from pliant.study.shorthand import OPEN
 from pliant.study.tendon_ends import end_of_bend, ends_of_held_tendons, even_bend
@@ -46,7 +46,7 @@ def input_names(inspected: Inspected) -> list[str]:
     """Return the names of the model's inputs; [] for a single pressure, which has no name."""
     if inspected.poses and not inspected.driven.tendon_inputs and not inspected.channels:
         return list(levels_by_name(inspected.trials)[inspected.first.name])
-    return [*inspected.channels, *(signal.name for signal in inspected.driven.tendon_inputs)]
+    return [*inspected.channels, *(name_of_part(signal.name) for signal in inspected.driven.tendon_inputs)]
 
 
 def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
@@ -130,14 +130,15 @@ def tendons(out: Lines, inspected: Inspected) -> None:
     ends = [] if trial.aligned is None or trial.angles_only else \
         tendon_ends(trial.aligned, len(trial.tendon_inputs), held=displaced)
     for k, signal in enumerate(trial.tendon_inputs):
-        out.item("actuator.tendons", signal.name)
+        name = name_of_part(signal.name)
+        out.item("actuator.tendons", name)
         out.put("driven_by", signal.kind, "as its column says" if trial.guess else "as the mapping states")
         azimuth_of(out, round(ends[k][0] if ends else shown[k]) if shown else None)
         if ends and len(passed := joints_up_to(ends[k][1], body_length(trial))) < LINKS:
             out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
         if trial.tracks_one_body and len(trial.tendon_inputs) > OF_ONE_SEGMENT:
             out.ask("stop", "m from the base, where it ends: a single tracked body does not show it")
-        if both_ways(signal) and signal.kind != "tension" and signal.name not in slack:
+        if both_ways(signal) and signal.kind != "tension" and name not in slack:
             out.put("pair", True, "its motor turns both ways: two opposite tendons; false for one that can be slack")
         if signal.kind != "tension":
             out.put("line_stiffness", LINE_STIFFNESS, STIFF_LINE)
@@ -171,7 +172,8 @@ def can_be_slack(inspected: Inspected) -> list[str]:
     than like themselves: tendons that were let out hang slack. Settled poses show it; a motor that turns is taken as
     one with two opposite tendons.
     """
-    names = [pull.name for pull in inspected.driven.tendon_inputs if pull.kind == "displacement" and both_ways(pull)]
+    names = [name_of_part(pull.name) for pull in inspected.driven.tendon_inputs
+             if pull.kind == "displacement" and both_ways(pull)]  # fmt: skip
     if not names or not inspected.poses:
         return []
     error = np.zeros(2)
@@ -201,7 +203,7 @@ def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
     """
     recorded = several(trial.recording)
     driving = {name: channel for name, channel in inspected.channels.items() if channel in recorded}
-    driving |= {signal.name: signal.name for signal in trial.tendon_inputs}
+    driving |= {name_of_part(signal.name): signal.name for signal in trial.tendon_inputs}
     if driving:
         out.put("drive", driving, "input of the model = channel of the recording")
     if trial.tendon_inputs:

@@ -228,7 +228,14 @@ def channels_of(trials: Sequence[Trial]) -> dict[str, str]:
             channels[stem] = middle
         else:
             channels |= {name: name for name in members}
-    return shortened(channels)
+    return {name_of_part(name): channel for name, channel in shortened(channels).items()}
+
+
+def name_of_part(channel: str) -> str:
+    """Return the name of the chamber or tendon that a recorded channel drives: without dots, which in the names of
+    parameters follow that of the part.
+    """
+    return channel.replace(".", "_")
 
 
 def shortened(channels: Mapping[str, str]) -> dict[str, str]:
