@@ -79,8 +79,8 @@ def test_nothing_moves(rng):
     [
         (1, 15.0, "read as Pa"),
         (1, 1e8, "check its unit"),
-        (1000, 1e5, "unit of length"),
-        (1e-3, 1e5, "unit of length"),
+        (1000, 1e5, "length_unit"),
+        (1e-3, 1e5, "length_unit"),
     ],
 )
 def test_suspicious_units(position, factor, pressure, sentence):

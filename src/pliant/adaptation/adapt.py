@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
@@ -103,17 +103,21 @@ def adapt_model(
     check_day(old, day)
     usual = usual_error(old) if how["usual"] is None else how["usual"]
     settings = partial(settings_of, old, how, usual)
-    result, released = fitted_in_rounds(old, posterior, day, settings(day), usual, notify)
+    of_day = settings(day)
+    result, released = fitted_in_rounds(old, posterior, day, of_day, usual, notify)
     change = BodyChange()
     if how["kind"]:
         return judged(old, posterior, day, result, change, kind=True)
 
     def fit_alike(exp: Experiment) -> FitResult:
         part = part_like(exp, old, day)
-        return fitted_day(posterior, part, posterior.prior.widened(released), settings(part))
+        alike = {"error_time": of_day["error_time"]} if "error_time" in of_day else {}
+        return fitted_day(posterior, part, posterior.prior.widened(released), settings(part) | alike)
 
-    moves = mounting_of_earlier(how["earlier"], fit_alike)
+    how["earlier"] = cache(how["earlier"])
+    moves = list[dict[str, float]]()
     try:
+        moves = mounting_of_earlier(how["earlier"], fit_alike)
         change, posterior, result = with_change(old, posterior, day, (result, released), how, settings)
     except FAILED as error:  # the fit with a free body; the adapted one stands
         notify(f"warning: whether the body changed is unknown: {error}")
@@ -312,7 +316,7 @@ def mounting_moved(moves: Sequence[Move], result: FitResult) -> str:
         return ""
     index = [covariance.names.index(m.name) for m in mine]
     std = np.array([m.prior_std for m in mine])
-    size, turn = np.linalg.eigh(covariance.matrix[np.ix_(index, index)] / np.outer(std, std))
+    size, turn = np.linalg.eigh(covariance.total[np.ix_(index, index)] / np.outer(std, std))
     away = turn.T @ (np.array([m.after - m.before for m in mine]) / std)
     visible = size < SEEN
     distance = float(np.sum(away[visible] ** 2 / np.maximum(size[visible], 1e-9)))

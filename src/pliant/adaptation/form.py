@@ -60,4 +60,6 @@ def with_covariance(result: FitResult, covariance: Covariance) -> FitResult:
     """Return a fit with another covariance of its parameters, from which their standard errors follow."""
     doubt = dict(zip(covariance.names, covariance.doubt, strict=True))
     parameters = tuple(p.with_(std=doubt[p.name]) if p.name in doubt else p for p in result.parameters)
-    return replace(result, covariance=covariance, parameters=parameters)
+    before = result.covariance.note if result.covariance else ""
+    notes = tuple(covariance.note if before and note == before else note for note in result.notes)
+    return replace(result, covariance=covariance, parameters=parameters, notes=notes)

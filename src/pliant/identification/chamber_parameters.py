@@ -13,7 +13,7 @@ from pliant.errors import InputError
 from pliant.identification.names import INPUT_MEANS, LAW, declarations, families, find_path, path_of, paths
 from pliant.model import ActuationInput, Chamber, Model
 from pliant.model.parts import CHAMBER, TENDON, VALVE, fitted
-from pliant.model.torque_law import laid_torque, torque_laws
+from pliant.model.torque_law import laid_torque, law_parameters, torque_laws
 
 Array = np.ndarray
 GAINS = ("gain", "gain_x", "gain_y", "joint_gain", "cross_gain")
@@ -194,7 +194,7 @@ def has_effect(own: str, chamber: ActuationInput) -> bool:
 def of_chamber(own: str) -> bool:
     """Return whether the parameter `own`, named with or without its number, is that of a chamber or tendon."""
     path = find_path(own)
-    return own in OWN or (path is not None and path.part in OF_CHAMBERS)
+    return own in OWN or own in law_parameters() or (path is not None and path.part in OF_CHAMBERS)
 
 
 def is_gain(name: str) -> bool:

@@ -18,6 +18,7 @@ import numpy as np
 from pliant.recording.apart_worker import Content, Refused, content_bound, plain_attributes, without_objects
 
 REFERENCES = "#refs#"  # group of MATLAB with what its cells and structs hold
+MOST_CELLS = 1000  # of a cell of trials; a longer one is read as what it is, a data set of references
 SKIPPED = ("_i_", "#")  # private groups: indices of PyTables, references of MATLAB
 DEEPEST = 32  # groups within groups
 FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # of HDF5 and h5py; any other would load a library of this machine
@@ -109,12 +110,21 @@ def referred(file: Any, name: str, item: Any) -> list[tuple[str, Any]]:
     announced_bytes(item, name)
     of_cell = bytes(item.attrs.get("MATLAB_class", b"")) == b"cell"
     owner, _, field = name.rpartition("/")
+    if of_cell and (item.size > MOST_CELLS or of_text(file, item)):
+        return []
     names = [f"{name}({k})" if of_cell else f"{owner}({k})/{field}" for k in range(1, item.size + 1)]
     if name.count("(") >= DEEPEST:
         raise Refused(f"{name[:200]!r} is nested too deeply: copy its data sets into a new file")
     with suppress(ValueError, KeyError, RuntimeError):  # a reference to nothing: no cell of MATLAB
         return [(path, file[ref]) for path, ref in zip(names, item[()].ravel(), strict=True) if ref]
     return []
+
+
+def of_text(file: Any, cell: Any) -> bool:
+    """Return whether the first reference of a cell of MATLAB is to a text, as in a list of names or of times."""
+    with suppress(ValueError, KeyError, RuntimeError):
+        return bytes(file[cell[()].ravel()[0]].attrs.get("MATLAB_class", b"")) == b"char"
+    return False
 
 
 def announced_bytes(item: Any, name: str) -> int:

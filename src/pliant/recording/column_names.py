@@ -63,6 +63,9 @@ PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGN
 FLUID = re.compile(r"(?!.*baro)(?:.*[./])?fluid_pressure", re.IGNORECASE)  # the field of a message of ROS, in Pa
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
 COMMAND = re.compile(rf"(?!.*(?:supply|tank|{AIR}))(.*[\W_])?({COMMANDS})([\W_].*)?", re.IGNORECASE)
+REFERENCE = re.compile(r"(?:^|[\W_])ref", re.IGNORECASE)
+PERHAPS_MEASURED = re.compile(r"(?:^|[\W_])(?:ist|act(?:ual)?|meas\w*|raw|druck|press\w*|mesur\w*)(?:[\W_\d]|$)",
+                              re.IGNORECASE)  # fmt: skip
 ABSOLUTE = re.compile(r"(?:^|[\W_])abs(?:olute)?(?:[\W_]|$)", re.IGNORECASE)  # a pressure that is no gauge pressure
 LENGTHS = {*METRE, PIXEL}
 ANGLES = {"angle", "angles", "theta", "flex"}  # words of tables of angles
@@ -253,11 +256,15 @@ def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
 
 def _set_points(names: Sequence[str], known: Collection[str]) -> dict[str, str]:
     """Return standard names of the set points with a unit of pressure of a log that holds no other pressure, such as
-    ``soll [kPa]``; none where a column says a pressure without a unit, or an absolute one.
+    ``soll [kPa]``; none where another column may hold the measured pressure, such as ``ist``. A reference may be that
+    of a sensor.
     """
-    if known or unitless_pressures(names) or any(ABSOLUTE.search(name) for name in names):
+    others = [name for name in names if not COMMAND.fullmatch(name)]
+    if known or any(ABSOLUTE.search(name) for name in names) or any(PRESSED.fullmatch(n) or PERHAPS_MEASURED.search(n)
+                                                                    for n in others):
         return {}
-    commanded = {name: parts for name in names if COMMAND.fullmatch(name) and (parts := _without_unit(name, PASCAL))[1]}
+    commanded = {name: parts for name in names if COMMAND.fullmatch(name) and not REFERENCE.search(name)
+                 and (parts := _without_unit(name, PASCAL))[1]}  # fmt: skip
     return {name: f"p_{unit}" + f"_{bare}" * (len(commanded) > 1) for name, (bare, unit) in commanded.items()}
 
 

@@ -142,7 +142,7 @@ def _table(path: Path, options: ColumnMapping) -> tuple[ColumnHeader, NDArray, d
     mapping uses as texts, and sentences for the history.
     """
     lines, tidied, runs = table_lines(path, skip_lines=options.skip_lines, delimiter=options.delimiter,
-                                      header=options.header)  # fmt: skip
+                                      header=options.header, events=not options.rows and not options.na)  # fmt: skip
     if options.select is None and options.rows is None:
         refuse_several(runs, path.name, drafted=not options.angles)
     first = preamble_of(lines) if options.skip_lines is None else options.skip_lines

@@ -5,7 +5,7 @@ counted in a sentence, and the lines keep their numbers.
 from __future__ import annotations
 
 import re
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
 from pliant.recording.column_names import is_time
@@ -53,6 +53,7 @@ class TableText(NamedTuple):
 
 def table_lines(
     path: Path, *, skip_lines: int | None = None, delimiter: str | None = None, header: bool | None = None,
+    events: bool = True,
 ) -> TableText:
     """Return the lines of a text table, of which the first row that is no comment holds the names, where there are any.
 
@@ -61,6 +62,8 @@ def table_lines(
     path : Path
     skip_lines, delimiter, header : optional
         As a mapping of the table states them.
+    events : bool
+        Whether rows of words between the rows of numbers are left out. They count where a mapping selects `rows`.
     """
     text, encoding = encoded_text(path)
     notes = [f"{path.name} is read as {encoding} text"] if encoding else []
@@ -72,8 +75,9 @@ def table_lines(
         if line.startswith(COMMENTS[1:]):
             lines[k] = "#" + line.lstrip("%/")
     stated = delimiter is not None
-    for step in (names_above, one_delimiter, one_row_of_names, without_rows_below, without_events, without_comments,
-                 with_units_of_cells, without_separators, without_copies):  # fmt: skip
+    for step in (names_above, one_delimiter, one_row_of_names, without_rows_below, without_comments,
+                 *((without_events,) if events else ()), with_units_of_cells, without_separators,
+                 without_copies):  # fmt: skip
         first = first_row(lines, preamble_of(lines) if skip_lines is None else skip_lines)
         if first >= len(lines):
             break
@@ -254,15 +258,16 @@ def without_events(lines: list[str], first: int, mark: str | None, name: str) ->
     rows, width = following(lines, first), count_cells(lines[first], mark)
     if mark is None:
         return []
-    events, before = [], ""
-    for k, after in pairwise(rows):
+    events, waiting, before = list[int](), list[int](), ""
+    for k in rows:
         cells = split_cells(lines[k], mark)
         words = [cell for cell in cells if cell]
         if is_data(lines[k], mark, width):
-            before = cells[0]
-        elif before and 2 * len(words) <= width and not any(is_number(c) or is_time(c) for c in words) \
-                and not words[0][:1].isdigit() and goes_on(before, split_cells(lines[after], mark)[0]):
-            events.append(k)
+            events += waiting if before and goes_on(before, cells[0]) else []
+            waiting, before = [], cells[0]
+        elif words and 2 * len(words) <= width and not any(is_number(c) or is_time(c) for c in words) \
+                and not words[0][:1].isdigit():
+            waiting.append(k)
     return blanked(lines, events, f"{name} hold words between its rows of numbers")
 
 

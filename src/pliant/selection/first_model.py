@@ -53,25 +53,37 @@ def beginning(model: Model, train: Sequence[Experiment], common: Sequence[Entry]
         names += [n for n in ("axial_damping",) if n not in kinds]
         names += [f"{start}axial_gain" for start, chamber in zip(prefixes(model), model.chambers, strict=True)
                   if chamber.uses("axial_gain") and f"{start}axial_gain" not in stated]  # fmt: skip
-    return [*common, *names, *(p for e in train for p in edge_times(e) if p.name not in stated)]
+    return [*common, *names, *(p for e in train for p in edge_limits(e) if p.name not in stated)]
+
+
+def edge_limits(exp: Experiment) -> list[Parameter]:
+    """Return the times at which a pressure switches that was not measured, with the bounds of a search: a pressure does
+    not start before the first frame of a body at rest, which would then be at rest under it, whenever it started.
+    """
+    first, last, span = float(exp.time[0]), float(exp.time[-1]), float(np.ptp(exp.time))
+    return [Parameter(name, lower=first if name.endswith(".start") and exp.start.from_rest else first - span,
+                      upper=last + span) for name in switching(exp)]  # fmt: skip
 
 
 def edge_times(exp: Experiment) -> list[Parameter]:
     """Return the times at which a pressure switches that was not measured, as near to those that the motion shows as it
-    takes to half its peak. A first model without the right law would move them anywhere, to a start before the first
-    frame too: at rest under pressure.
+    takes to half its peak. A first model without the right law would move them anywhere.
     """
-    switching = [name for name in exp.own_parameters if name.rpartition(".")[2] in ("start", "stop")]
-    if not switching:
+    if not switching(exp):
         return []
-    first, last, found = float(exp.time[0]), float(exp.time[-1]), edges(exp)
+    first, last, shown = float(exp.time[0]), float(exp.time[-1]), edges(exp)
     high = exp.time[displacement(exp) >= 0.5 * exp.travel]
     half, listed = {"start": high[0], "stop": high[-1]}, []
-    for name in switching:
+    for name in switching(exp):
         edge = name.rpartition(".")[2]
-        near = max(abs(float(half[edge]) - found[edge]), EDGE * (last - first))
-        listed.append(Parameter(name, lower=max(found[edge] - near, first), upper=min(found[edge] + near, last)))
+        near = max(abs(float(half[edge]) - shown[edge]), EDGE * (last - first))
+        listed.append(Parameter(name, lower=max(shown[edge] - near, first), upper=min(shown[edge] + near, last)))
     return listed
+
+
+def switching(exp: Experiment) -> list[str]:
+    """Return the names of the times at which the pressure of a recording switches, if they are fitted."""
+    return [name for name in exp.own_parameters if name.rpartition(".")[2] in ("start", "stop")]
 
 
 def torque_names(model: Model) -> list[str]:

@@ -6,9 +6,13 @@ the model yet, such as creep that of a lag of the valve, and no step of a fit le
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from contextlib import suppress
 
-from pliant.errors import PliantError
+import numpy as np
+
+from pliant.errors import InputError, PliantError
+from pliant.identification.parameters import Parameter
 from pliant.selection.criterion import DETERMINED, MATERIAL, at_bounds
 from pliant.selection.first_model import on_scale, scale_of
 from pliant.selection.fitted import FittedModel
@@ -67,10 +71,12 @@ def rescaled(search: RunningSearch, share: float) -> bool:
     stiffness at which the body rings.
     """
     held, best = scale_of(search.best.parameters, search.stated), search.best
-    if not held or not search.has_time_for(len(SCALES), share):
+    if not held or "stiffness" in search.dropped or not search.has_time_for(len(SCALES), share):
         return False
-    starts = [[p.with_(value=factor * p.value, free=p.free or p.name == "stiffness") if p.value and on_scale(p) else p
-               for p in best.parameters] for factor in SCALES]  # fmt: skip
+    starts = list[list[Parameter]]()
+    with suppress(InputError):  # a factor that leads beyond the bounds of a parameter
+        for factor in sorted(SCALES, key=lambda f: abs(np.log(f))):
+            starts.append([begun_at(p, factor, search.stated) for p in best.parameters])
     fits = search.rough_fits(search.model(), starts)
     try:
         end = min(fits, key=search.scored, default=best)
@@ -84,6 +90,17 @@ def rescaled(search: RunningSearch, share: float) -> bool:
     search.adopt(end, score)
     search.record("stiffness", "free stiffness, begun softer or stiffer")
     return True
+
+
+def begun_at(p: Parameter, factor: float, stated: Collection[str]) -> Parameter:
+    """Return a parameter at a multiple of its value if it scales with the stiffness, and with the stiffness free. One
+    that the study states and holds stays.
+    """
+    if p.name == "stiffness":
+        return p.with_(value=factor * (p.value or 0.0), free=True, source="given")
+    if not p.value or not on_scale(p) or (p.name in stated and not p.free):
+        return p
+    return p.with_(value=factor * p.value)
 
 
 def adopted(search: RunningSearch, end: FittedModel, other: Term, term: Term, *, stays: bool) -> bool:

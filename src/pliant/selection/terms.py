@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -335,11 +336,11 @@ def regulators(nominal: Sequence[Experiment]) -> Iterator[Term]:
 
 
 def levels(experiments: Sequence[Experiment]) -> int:
-    """Return how many highest inputs, that differ in their first two digits, the driven recordings have."""
-    highest = [abs(e.level) if e.excitation in ("pulse", "step") else
+    """Return how many highest inputs, which differ by more than 10 %, the driven recordings have."""
+    highest = sorted(abs(e.level) if e.excitation in ("pulse", "step") else
                max((abs(t.peak) for t in e.traces.values()), default=0.0)
-               for e in experiments if e.excitation != "release"]  # fmt: skip
-    return len({f"{value:.1e}" for value in highest})
+               for e in experiments if e.excitation != "release")  # fmt: skip
+    return sum(value > 1.1 * below for below, value in pairwise([0.0, *highest]))
 
 
 def tried(name: str, parameter: str, grid: Sequence[float], **options: Any) -> Term:

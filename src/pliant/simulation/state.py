@@ -21,6 +21,7 @@ UNSOLVED = 1e80  # size of coordinates after a step of tendons that did not conv
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 LET_OUT = 1e30  # N, less of which every tendon is slack
 SUMS = 50  # iterations of the sums of tensions of pairs, at most
+NO_TENSION = 1e-6  # N, below which a pair that hangs slack holds nothing
 SLIGHT, HELD = 1e-5, 1e-4  # weight of small inputs; imbalance of a shape that is held, over its largest force
 BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
 LEAST_BEND = 1e-3  # rad, at the end of the search: less is no bend
@@ -226,8 +227,8 @@ def holding_inputs(model: Model, q: Array) -> Array:
             break
     if np.abs(chain.static_forces(x, torque)).max() > HELD * np.abs(slack).max():
         raise InputError(
-            f"no values of the inputs of {model.name!r} ({actuation.listing}) hold this shape, so that it is unknown "
-            "which tendons are slack: give the values as `pressure`"
+            f"no values of the inputs of {model.name!r} ({actuation.listing}) were found that hold this shape, so that "
+            "it is unknown which tendons are slack: give the values as `pressure`"
         )
     return torque
 
@@ -247,6 +248,8 @@ def commanded(net: float, still: Array) -> float:
         return net
     if still.size == 1:
         return net - float(still[0]) if net > 0.0 else 0.0
+    if still.sum() <= 0.0 and abs(net) < NO_TENSION:
+        return float(np.clip(0.0, still[1], -still[0]))  # both are slack
     both = 0.5 * (net - still[0] + still[1])
     if both + still[0] >= 0.0 and still[1] - both >= 0.0:
         return float(both)

@@ -54,7 +54,8 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
         return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
     shown = shape_variable(recording)
     shape = bool(shown) or "strain" in recording
-    unfit = not stated and (too_large(recording) or named_by_a_path(recording))
+    dotted = not stated and named_by_a_path(recording)
+    unfit = dotted or (not stated and too_large(recording))
     if shown == "angle" and (directed := curved(path, stated)):
         return directed
     if recording.sizes.get("station") == 1 and shown == "position":
@@ -64,7 +65,15 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
     guess = guessed_table(path, stated)
     if guess is None or (shape and not (guess.has_inputs or guess.trials or unfit)) or "select" in stated:
         return FirstReading(recording, {})
-    return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
+    again = read_shape(path, guess.readable)
+    kept = not dotted or holds_as_much(again, recording)
+    return FirstReading(again, guess.assumed, guess) if kept else FirstReading(recording, {})
+
+
+def holds_as_much(guessed: xr.Dataset, recording: xr.Dataset) -> bool:
+    """Return whether a guessed reading holds all variables, sizes and the frame of what the file states."""
+    return ({*recording.variables} <= {*guessed.variables} and recording.sizes == guessed.sizes
+            and recording.attrs.get("frame") == guessed.attrs.get("frame"))
 
 
 def curved(path: Path, stated: Mapping[str, Any]) -> FirstReading | None:

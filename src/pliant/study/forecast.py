@@ -19,6 +19,7 @@ from pliant.identification.beyond_inputs import beyond_inputs
 from pliant.identification.discrepancy import discrepancy
 from pliant.identification.edges import edges
 from pliant.identification.identifiability import join_words
+from pliant.identification.parameters import WIDE
 from pliant.identification.prediction_bands import half_widths
 from pliant.model import Model
 from pliant.simulation import Trace
@@ -32,7 +33,6 @@ Array = np.ndarray
 MARGIN = 0.02  # of the range of an input in training: smaller excesses are not named
 TOGETHER = 0.25  # of its highest value in training: an input below it counts as not driven
 AS_MUCH = 0.5  # of a forecast's combination that a training recording must reach
-WIDE = 1.959964  # standard errors to each side of a 95 % interval
 
 
 def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None:

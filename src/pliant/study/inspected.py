@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import combinations, permutations, takewhile
+from itertools import combinations, count, permutations, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -228,7 +228,11 @@ def channels_of(trials: Sequence[Trial]) -> dict[str, str]:
             channels[stem] = middle
         else:
             channels |= {name: name for name in members}
-    return {name_of_part(name): channel for name, channel in shortened(channels).items()}
+    named: dict[str, str] = {}
+    for name, channel in shortened(channels).items():
+        free = (part for k in count(1) if (part := name_of_part(name) + (f"_{k}" if k > 1 else "")) not in named)
+        named[next(free)] = channel
+    return named
 
 
 def name_of_part(channel: str) -> str:
@@ -244,8 +248,8 @@ def shortened(channels: Mapping[str, str]) -> dict[str, str]:
     """
     words = [re.split(r"(?<=[_ .:-])", name) for name in channels]
     shared = [*takewhile(lambda part: len(set(part)) == 1, zip(*words, strict=False))] if len(words) > 1 else []
-    for count in range(len(shared), 0, -1):
-        short = ["".join(parts[count:]) for parts in words]
+    for skipped in range(len(shared), 0, -1):
+        short = ["".join(parts[skipped:]) for parts in words]
         if all(name[:1].isalpha() for name in short) and len(set(short)) == len(short):
             return dict(zip(short, channels.values(), strict=True))
     return dict(channels)

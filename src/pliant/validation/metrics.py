@@ -109,7 +109,8 @@ METRICS = {  # of a recording of positions
         "damping ratio of the small swings"),
     "joint_rmse_mrad": Metric("joints, RMSE", "joints", r"10^3\sqrt{\operatorname{mean}_t\,(q^r_{ti}-q^m_{ti})^2}",
         "root mean square over time of the difference between modelled and measured angles between the chords that "
-        "join neighbouring stations, from the base on, mrad; opposite errors of neighbours cancel at the tip"),
+        "join neighbouring stations, from the base on, mrad; opposite errors of neighbours cancel at the tip; null for "
+        "one station and for angles alone"),
     "joint_steady_error_mrad": Metric("joints, steady error", "joints",
         r"10^3\operatorname{median}_{t>t_{\text{end}}-w}(q^r_{ti}-q^m_{ti})",
         "modelled less measured angle between these chords, at the end of plateau or record, mrad"),

@@ -52,7 +52,8 @@ T = TypeVar("T", bound=MetricsEntry)
 
 def with_metrics(*, turns: bool) -> Callable[[type[T]], type[T]]:
     """Return a decorator that adds the metrics of a recording, of angles alone with `turns`, to a table's entries."""
-    entries: dict[str, Any] = {name: KINDS[metric.kind] for name, metric in metric_table(turns=turns).items()}
+    entries: dict[str, Any] = {name: (KINDS[m.kind][0], Field(KINDS[m.kind][1], description=m.meaning))
+                               for name, m in metric_table(turns=turns).items()}  # fmt: skip
 
     def extended(table: type[T]) -> type[T]:
         return create_model(table.__name__, __base__=table, __doc__=table.__doc__, **entries)
