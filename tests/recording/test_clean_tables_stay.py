@@ -89,6 +89,23 @@ def test_rows_with_a_time_are_no_rows_of_words(tmp_path: Path, header: str, row:
     assert "hold words" not in recording.history
 
 
+@pytest.mark.parametrize("more", [",,,,\n", "EVENT,valve open,,,\nEVENT,valve closed,,,\n", "EVENT,,,,\n# note\n"])
+def test_blank_rows_and_several_rows_of_words_are_left_out(tmp_path: Path, more: str) -> None:
+    lines = rows(12, "{t:.1f},{k}.5,2.5,3.5,1.25").splitlines(keepends=True)
+    plain = read(written(tmp_path, "".join([WIDE + "\n", *lines, ""])))
+    for text in ([WIDE + "\n", *lines[:5], more, *lines[5:]], [WIDE + "\n", *lines, ",,,,\n", ",,,,\n"]):
+        recording = read(written(tmp_path, "".join([*text, ""])))
+        np.testing.assert_array_equal(recording["position"], plain["position"])
+
+
+def test_rows_of_a_mapping_count_rows_of_words(tmp_path: Path) -> None:
+    lines = rows(12, "{t:.1f},{k}.5,2.5,3.5,1.25").splitlines()
+    path = written(tmp_path, "\n".join(["t,x,y,z,p", *lines[:5], "EVENT,,,,", *lines[5:], ""]))
+    stated = {"time": "t", "length_unit": "mm", "stations": {"tip": {"position": ["x", "y", "z"]}}, "header": True,
+              "na": ["EVENT"], "rows": [7, 9]}  # fmt: skip
+    np.testing.assert_allclose(read(path, mapping=stated)["time"], [0.6, 0.7])
+
+
 def test_a_row_with_a_number_among_words_is_refused(tmp_path: Path) -> None:
     lines = rows(12, "{t:.1f},{k}.5,2.5,3.5,1.25").splitlines()
     with pytest.raises(InputError, match="is not a number: 'EVENT'"):

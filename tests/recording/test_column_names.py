@@ -86,6 +86,8 @@ def test_a_french_article_is_no_set_point() -> None:
     "t soll_kPa pressure_left -> t soll_kPa pressure_left",  # measured, in a unit to be stated
     "t soll_kPa chamber_abs_kPa -> t soll_kPa chamber_abs_kPa",  # measured, to become a gauge pressure
     "t supply_kPa -> t supply_kPa", "t set_tank_kPa -> t set_tank_kPa", "t soll_kPa p_kpa -> t soll_kPa p_kpa",
+    "t soll_1_kPa ist_1 -> t soll_1_kPa ist_1", "t druck_soll_kPa druck_ist -> t druck_soll_kPa druck_ist",
+    "t reference_kPa p1_raw -> t reference_kPa p1_raw", "t ref_kPa -> t ref_kPa",
     "t soll_kPa CH2_kPa -> t soll_kPa p_kpa", "t soll_deg -> t soll_deg",
 ])  # fmt: skip
 def test_a_set_point_is_the_pressure_only_of_a_log_without_another(names: str) -> None:

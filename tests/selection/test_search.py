@@ -15,9 +15,9 @@ from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Model, Station, Valve, chain_model
 from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms_for
 from pliant.selection.criterion import parts_of
-from pliant.selection.first_model import beginning, determined, edge_times, scale_of
+from pliant.selection.first_model import beginning, determined, edge_limits, edge_times, scale_of
 from pliant.selection.fitted import FitSetting, fitted
-from pliant.selection.restart import exchanged, rescaled, restarted
+from pliant.selection.restart import begun_at, exchanged, rescaled, restarted
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
 from pliant.selection.search import Search
@@ -406,6 +406,34 @@ def test_a_pressure_that_was_not_measured_switches_near_the_time_that_the_motion
     step = replace(measured[0].of_frames(TIMES > 0.11), excitation="step", pressure=None, level=5e4)
     (start,) = edge_times(step)
     assert start.lower == step.time[0], "it would be at rest under the pressure"
+    (limit,) = edge_limits(step)
+    assert limit.lower == step.time[0]
+    assert limit.upper > step.time[-1]
+
+
+@pytest.mark.slow
+def test_a_pressure_that_was_not_measured_and_falls_slowly_is_found():
+    """The pressures fall from 1 s on by .1 MPa/s, so that the body is half-way back far later than they begin to."""
+    leaving = chain(chambers=(Chamber([6e-7], valve=Valve(fall_rate=1e5)),))
+    train = [replace(e, excitation="pulse", pressure=None, level=level)
+             for e, level in zip(two(leaving), (5e4, 1e5), strict=True)]  # fmt: skip
+    found = select_model(train, GIVEN, terms=terms_for(GIVEN, train, only=["vent"]))
+    assert found.terms[0] == "vent"
+    assert found.result.converged
+    assert found.result.values["valve_fall_rate"] == pytest.approx(1e5, rel=0.1)
+    assert [found.result.values[f"{e.name}.stop"] for e in train] == pytest.approx([1.0, 1.0], abs=0.03)
+
+
+def test_a_freed_stiffness_leaves_what_a_study_states_and_bounds():
+    """Values that the study holds stay; a factor beyond bounds is no start."""
+    damping = Parameter("damping", 3e-3, free=False, source="stated")
+    kept = begun_at(damping, 0.1, {"damping"})
+    assert kept == damping
+    assert begun_at(damping, 0.1, ()).value == pytest.approx(3e-4)
+    freed = begun_at(Parameter("stiffness", 0.5, free=False, source="held: its ratio alone shows"), 3.0, ())
+    assert (freed.value, freed.free, freed.source) == (1.5, True, "given")
+    with pytest.raises(InputError, match="not within its bounds"):
+        begun_at(Parameter("damping", 3e-3, lower=1e-3), 0.1, ())
 
 
 @pytest.mark.slow

@@ -286,7 +286,8 @@ def without_copies(lines: list[str], first: int, mark: str | None, name: str) ->
     if mark is None or not is_named(names) or not (repeated := set(repeated_names(names)) - {""}):
         return []
     columns = [*zip(*(split_cells(lines[k], mark) for k in following(lines, first)), strict=False)]
-    firsts = {k: names.index(title) for k, title in enumerate(names[: len(columns)]) if title in repeated}
+    places = {title: k for k, title in reversed([*enumerate(names)])}
+    firsts = {k: places[title] for k, title in enumerate(names[: len(columns)]) if title in repeated}
     copies = {k: begin for k, begin in firsts.items() if k > begin and columns[k] == columns[begin]}
     if not copies:
         return []

@@ -247,7 +247,8 @@ def _check_names(names: list[str], cells: list[str], file: str) -> None:
         raise InputError(f"the first row of {file} holds numbers and no names: give a mapping that names its columns "
                          f"by index, 0 to {len(names) - 1}")
     if repeated := repeated_names(names):
-        written = [cell for cell, name in zip(cells, names, strict=False) if name in repeated]
+        twice = {*repeated}
+        written = [cell for cell, name in zip(cells, names, strict=False) if name in twice]
         raise InputError(f"{file} has repeated column names: {shorten(repeated_names(written) or written, 5)}: rename "
                          "them, or give a mapping that names the columns by index")
     clocks = [n for n in names if n in CLOCKS]
