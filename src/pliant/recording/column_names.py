@@ -256,7 +256,7 @@ def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
 
 def _set_points(names: Sequence[str], known: Collection[str]) -> dict[str, str]:
     """Return standard names of the set points with a unit of pressure of a log that holds no other pressure, such as
-    ``soll [kPa]``; none where another column may hold the measured pressure, such as ``ist``. A reference may be that
+    ``soll [kPa]``; none where another column may hold the measured pressure. A reference may be that
     of a sensor.
     """
     others = [name for name in names if not COMMAND.fullmatch(name)]
