@@ -194,17 +194,13 @@ def task_file() -> str:
     return schema(TaskFile, {})
 
 
-def formula(metric: Any) -> str:
-    """Return the formula of a metric, or what else its entry is."""
-    return f"${metric.formula}$" if metric.formula else "A count." if metric.kind == "count" else ""
-
-
 def metrics() -> str:
     """Every metric with its formula."""
     from pliant.validation.metrics import METRICS
 
-    return "\n\n".join(f"`{name}`\n: {metric.meaning}\n\n  {formula(metric)}"
-                       for name, metric in METRICS.items())
+    formulas = {name: f"${m.formula}$" if m.formula else "A count." if m.kind == "count" else ""
+                for name, m in METRICS.items()}  # fmt: skip
+    return "\n\n".join(f"`{name}`\n: {m.meaning}\n\n  {formulas[name]}" for name, m in METRICS.items())
 
 
 def parameters() -> str:

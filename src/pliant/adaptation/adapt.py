@@ -111,8 +111,7 @@ def adapt_model(
 
     def fit_alike(exp: Experiment) -> FitResult:
         part = part_like(exp, old, day)
-        alike = {"error_time": of_day["error_time"]} if "error_time" in of_day else {}
-        return fitted_day(posterior, part, posterior.prior.widened(released), settings(part) | alike)
+        return fitted_day(posterior, part, posterior.prior.widened(released), of_day | settings(part))
 
     how["earlier"] = cache(how["earlier"])
     moves = list[dict[str, float]]()

@@ -8,6 +8,7 @@ from pliant.errors import InputError
 from pliant.identification.experiment import Experiment
 
 Array = np.ndarray
+EDGES = ("start", "stop")  # of a pressure: parameters of a recording
 HELD_S = 0.05  # s before a release over which the held pose is averaged (median)
 STILL = 0.03  # of the peak displacement: smaller displacements count as no motion
 SURE = 4.0  # standard deviations of the noise that must be smaller than STILL for the threshold method

@@ -15,6 +15,7 @@ import numpy as np
 
 from pliant.errors import FitError, PliantError
 from pliant.identification.drives import SHORTEST
+from pliant.identification.edges import EDGES
 from pliant.identification.following import observed_rows, observed_slopes
 from pliant.identification.forward_model import forward_problem, reattached
 from pliant.identification.loop_inputs import APART, ForwardProblem, Numbers, from_one_row, in_one_row
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 SHARE = 1e-5  # step of the finite differences of the inputs, over the size of the parameter
-EDGES = ("start", "stop")
 MOVE_STEPS = OF_A_RECORD | {"valve_dead_time"}  # parameters that may change the time steps too
 STENCILS = (((-1.0, -0.5), (1.0, 0.5)), ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5)), ((0.0, 1.5), (-1.0, -2.0), (-2.0, 0.5)))
 
@@ -135,7 +135,7 @@ def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardPro
     keys share these derivatives; () means that they are not shared.
     """
     of_record = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
-    if not forward.from_rest or exp.forces or exp.base or exp.own_places or exp.known or of_record - {"start", "stop"}:
+    if not forward.from_rest or exp.forces or exp.base or exp.own_places or exp.known or of_record - {*EDGES}:
         return ()
     same = (forward.numbers.torque_before, forward.numbers.phi, forward.numbers.chambers)
     return (exp.stations, exp.angle_reference, exp.framed.tobytes(), *(a.tobytes() for a in same))

@@ -118,7 +118,7 @@ def stored_arrays(path: Path) -> tuple[dict[str, NDArray], list[str], dict[str, 
 def is_recording(arrays: Mapping[str, NDArray]) -> bool:
     """Return whether arrays outside of structs hold times and positions, strains or a pressure by name."""
     named = [role for role, names in USUAL_NAMES.items() if {*names} & {*arrays}]
-    return "time" in named and len({*named} & {"position", "strain", "pressure"}) > 0
+    return "time" in named and bool({*named} & {"position", "strain", "pressure"})
 
 
 def numbered_structs(names: Sequence[str]) -> dict[str, tuple[int, list[str]]]:

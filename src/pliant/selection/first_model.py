@@ -12,7 +12,7 @@ import numpy as np
 from pliant.errors import PliantError, SimulationError
 from pliant.identification.chamber_parameters import ALIKE_GAINS, OF_ONE_SIGN, has_effect, prefixes
 from pliant.identification.drives import pressures_at
-from pliant.identification.edges import displacement, edges
+from pliant.identification.edges import EDGES, displacement, edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.names import path_of
 from pliant.identification.parameters import Parameter, shared_name
@@ -44,7 +44,7 @@ def beginning(model: Model, train: Sequence[Experiment], common: Sequence[Entry]
     damping and a torque proportional to each input; of a body that lengthens also axial damping and the axial force of
     each chamber. Its axial stiffness is stated: only the ratio of the forces to it shows.
     """
-    stated = {e if isinstance(e, str) else e.name for e in common}
+    stated = {*map(name_of, common)}
     kinds = {shared_name(name.removesuffix("_*")) for name in stated}
     names = [n for n in ("stiffness", "damping") if n not in kinds and "body_stiffness" not in kinds]
     if any(e.excitation != "release" for e in train):
@@ -56,34 +56,37 @@ def beginning(model: Model, train: Sequence[Experiment], common: Sequence[Entry]
     return [*common, *names, *(p for e in train for p in edge_limits(e) if p.name not in stated)]
 
 
+def name_of(entry: Entry) -> str:
+    """Return the name of a parameter that is stated by its name alone or with its properties."""
+    return entry if isinstance(entry, str) else entry.name
+
+
 def edge_limits(exp: Experiment) -> list[Parameter]:
     """Return the times at which a pressure switches that was not measured, with the bounds of a search: a pressure does
     not start before the first frame of a body at rest, which would then be at rest under it, whenever it started.
     """
     first, last, span = float(exp.time[0]), float(exp.time[-1]), float(np.ptp(exp.time))
-    return [Parameter(name, lower=first if name.endswith(".start") and exp.start.from_rest else first - span,
-                      upper=last + span) for name in switching(exp)]  # fmt: skip
+    earliest = {"start": first if exp.start.from_rest else first - span, "stop": first - span}
+    return [Parameter(f"{exp.name}.{edge}", lower=earliest[edge], upper=last + span) for edge in fitted_edges(exp)]
 
 
 def edge_times(exp: Experiment) -> list[Parameter]:
     """Return the times at which a pressure switches that was not measured, as near to those that the motion shows as it
     takes to half its peak. A first model without the right law would move them anywhere.
     """
-    if not switching(exp):
+    if not (names := fitted_edges(exp)):
         return []
     first, last, shown = float(exp.time[0]), float(exp.time[-1]), edges(exp)
     high = exp.time[displacement(exp) >= 0.5 * exp.travel]
-    half, listed = {"start": high[0], "stop": high[-1]}, []
-    for name in switching(exp):
-        edge = name.rpartition(".")[2]
-        near = max(abs(float(half[edge]) - shown[edge]), EDGE * (last - first))
-        listed.append(Parameter(name, lower=max(shown[edge] - near, first), upper=min(shown[edge] + near, last)))
-    return listed
+    half = {"start": high[0], "stop": high[-1]}
+    near = {edge: max(abs(float(half[edge]) - shown[edge]), EDGE * (last - first)) for edge in names}
+    return [Parameter(f"{exp.name}.{edge}", lower=max(shown[edge] - near[edge], first),
+                      upper=min(shown[edge] + near[edge], last)) for edge in names]  # fmt: skip
 
 
-def switching(exp: Experiment) -> list[str]:
-    """Return the names of the times at which the pressure of a recording switches, if they are fitted."""
-    return [name for name in exp.own_parameters if name.rpartition(".")[2] in ("start", "stop")]
+def fitted_edges(exp: Experiment) -> list[str]:
+    """Return which edges of a pressure that was not measured are fitted to a recording."""
+    return [edge for edge in EDGES if f"{exp.name}.{edge}" in exp.own_parameters]
 
 
 def torque_names(model: Model) -> list[str]:

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 
-import numpy as np
-
 from pliant.errors import InputError, PliantError
 from pliant.identification.parameters import Parameter
 from pliant.selection.criterion import DETERMINED, MATERIAL, at_bounds
@@ -70,12 +68,12 @@ def rescaled(search: RunningSearch, share: float) -> bool:
     A first model that lacks the law of the torque may end over-damped, and no step of a fit leads from there to a
     stiffness at which the body rings.
     """
-    held, best = scale_of(search.best.parameters, search.stated), search.best
-    if not held or "stiffness" in search.dropped or not search.has_time_for(len(SCALES), share):
+    scale, best = scale_of(search.best.parameters, search.stated), search.best
+    if not scale or "stiffness" in search.dropped or not search.has_time_for(len(SCALES), share):
         return False
     starts = list[list[Parameter]]()
-    with suppress(InputError):  # a factor that leads beyond the bounds of a parameter
-        for factor in sorted(SCALES, key=lambda f: abs(np.log(f))):
+    for factor in SCALES:
+        with suppress(InputError):  # beyond the bounds of a parameter
             starts.append([begun_at(p, factor, search.stated) for p in best.parameters])
     fits = search.rough_fits(search.model(), starts)
     try:
@@ -86,7 +84,7 @@ def rescaled(search: RunningSearch, share: float) -> bool:
     error, score = end.standard_errors.get("stiffness"), search.scored(end)
     if error is None or error > DETERMINED * end.values["stiffness"] or score > (1 - MATERIAL) * search.score:
         return False
-    search.chosen = [*search.chosen, *held]
+    search.chosen = [*search.chosen, *scale]
     search.adopt(end, score)
     search.record("stiffness", "free stiffness, begun softer or stiffer")
     return True

@@ -13,7 +13,7 @@ from pliant.identification.experiment import Experiment
 from pliant.identification.fit import check_choices
 from pliant.model import Model
 from pliant.options import with_defaults
-from pliant.selection.first_model import Entry, determined, scale_of
+from pliant.selection.first_model import Entry, determined, name_of, scale_of
 from pliant.selection.fitted import FitSetting, fitted
 from pliant.selection.result import ModelSelection
 from pliant.selection.running import Notify
@@ -98,7 +98,7 @@ def select_model(
     check_options(how)
     began, notify = clock.monotonic(), progress or (lambda _line: None)
     deadline = began + 60 * how["minutes"]
-    names = frozenset(e if isinstance(e, str) else e.name for e in common)
+    names = frozenset(map(name_of, common))
     file, state = how["file"], None if how["file"] is None else how["file"].load()
     terms = terms_for(model, train) if how["terms"] is None else how["terms"]
     if state is None:

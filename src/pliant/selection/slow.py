@@ -23,7 +23,7 @@ from pliant.identification.starts import AtRest
 from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import Model
 from pliant.selection.criterion import MATERIAL, parts_of, score_of
-from pliant.selection.first_model import Entry, beginning, first_mode, least_stiffness, with_alike, with_places
+from pliant.selection.first_model import Entry, beginning, first_mode, least_stiffness, name_of, with_alike, with_places
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.terms import Term
 from pliant.simulation import Pulse, Trace
@@ -252,7 +252,7 @@ SLOW_BODIES: dict[type[Mechanics], type[SlowBody]] = {PlanarChain: SlowBody, Spa
 
 def held_stiffness(parameters: Sequence[Parameter], common: Sequence[Entry]) -> list[Parameter]:
     """Return the parameters with the stiffness held, unless `common` names it."""
-    if "stiffness" in {e if isinstance(e, str) else e.name for e in common}:
+    if "stiffness" in {*map(name_of, common)}:
         return list(parameters)
     source = "held: the recordings show its ratio to torque and damping alone"
     return [p.with_(free=False, source=source) if p.name == "stiffness" else p for p in parameters]

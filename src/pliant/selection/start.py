@@ -21,7 +21,7 @@ from pliant.identification.fit_step import STEPS_A_FRAME, fit_step
 from pliant.identification.parameters import shared_name
 from pliant.identification.result import FitResult
 from pliant.model import Model
-from pliant.selection.first_model import Entry, beginning, edge_limits, edge_times
+from pliant.selection.first_model import Entry, beginning, edge_limits, edge_times, name_of
 from pliant.selection.fitted import FitSetting, FittedModel, fitted, frame_spacing, tried_step
 from pliant.selection.slow import SlowBody, first_parameters, left_by, may_be_slow, moved_and_inputs, settled, slow_body
 from pliant.selection.terms import Term
@@ -51,15 +51,15 @@ def first_model(
             return begun
     if begun := quick_start(setting, setting, model, common, how["time_step"], notify):
         return begun
-    stated_names = {e if isinstance(e, str) else e.name for e in common}
-    near = {p.name: p for e in train for p in edge_times(e) if p.name not in stated_names}
-    limits = {p.name: (p.lower, p.upper) for e in train for p in edge_limits(e) if p.name in near}
-    begun_with = [near.get(e if isinstance(e, str) else e.name, e) for e in beginning(model, train, common)]
-    best = first_fit(train, model, begun_with, how, notify)
-    widened = {p.name: limits.get(p.name, (p.lower, p.upper)) for p in best.parameters}
+    stated_names = {*map(name_of, common)}
+    wide = {p.name: p for e in train for p in edge_limits(e) if p.name not in stated_names}
+    near = {p.name: p for e in train for p in edge_times(e) if p.name in wide}
+    entries = [near.get(name_of(e), e) for e in beginning(model, train, common)]
+    best = first_fit(train, model, entries, how, notify)
     setting = replace(setting, time_step=best.time_step)
-    first = fitted(setting, best.model, [replace(p, std=None, lower=widened[p.name][0], upper=widened[p.name][1])
-                                         for p in best.parameters], evaluations=0)  # fmt: skip
+    bounds = {p.name: wide.get(p.name, p) for p in best.parameters}
+    parameters = [replace(p, std=None, lower=bounds[p.name].lower, upper=bounds[p.name].upper) for p in best.parameters]
+    first = fitted(setting, best.model, parameters, evaluations=0)
     step = best.time_step if stated else tried_step(first, best.time_step)
     if step > best.time_step:
         setting = replace(setting, time_step=step)

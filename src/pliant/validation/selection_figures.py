@@ -97,6 +97,7 @@ def selection_figure(selection: ModelSelection, plain_map: float | None = None) 
         if plain_map is not None:
             ax.axhline(plain_map, color="black", linestyle=":", linewidth=1.0, label="plain map, left out")
         decades(ax)
+        ax.xaxis.get_major_locator().set_params(integer=True)
         ax.margins(y=0.12)
         ax.set(xlabel="free parameters", ylabel="error (% of peak displacement)",
                xlim=(min(free) - 0.5, max(free) + 0.5 + 0.06 * (max(free) - min(free))))
