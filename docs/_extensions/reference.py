@@ -136,7 +136,7 @@ def first_line(thing: Any) -> str:
 def documented(kind: Any) -> dict[str, str]:
     """Meaning of each parameter in a docstring of numpy's style, by name."""
     text = inspect.getdoc(kind) or ""
-    block = re.search(r"Parameters\n-+\n(.*?)(?=\n\n\w+\n-+|\Z)", text, re.DOTALL)
+    block = re.search(r"(?:Parameters|Attributes)\n-+\n(.*?)(?=\n\n\w+\n-+|\Z)", text, re.DOTALL)
     found = {}
     entry = re.compile(r"^(\S[^\n]*) : [^\n]*\n((?:    [^\n]*\n?)*)", re.MULTILINE)
     for names, meaning in entry.findall(block[1] if block else ""):
@@ -288,7 +288,8 @@ def table_of(module: str, name: str) -> Callable[[], str]:
 
     def rows() -> str:
         kind = getattr(importlib.import_module(f"pliant.{module}"), name)
-        return re.sub(r"\[(\w+)\]\(#\w+\)", "table", entries(kind, {}).replace("`null`", "").replace(" or null", ""))
+        rows = entries(kind, documented(kind)).replace("`null`", "").replace(" or null", "")
+        return re.sub(r"\[(\w+)\]\(#\w+\)", "table", rows)
 
     return rows
 
@@ -325,6 +326,10 @@ PARTS = {
     **{f"study-{name.lower()}": study_part(name)
        for name in ("Valve", "Memory", "Space", "Chamber", "Tendon", "Extension")},
     "camera": table_of("recording.camera", "Camera"), "cores": table_of("sensing.cores", "Cores"),
+    "mapping": table_of("recording.column_arrays", "ColumnMapping"),
+    "mapping-curvature": table_of("recording.curvature", "CurvatureMapping"),
+    "mapping-bag": table_of("recording.bag", "BagMapping"),
+    "inclination": table_of("recording.inclination", "InclinationMapping"),
     **{f"study-{part}": table_of("study.schema", name) for part, name in (
         ("fibre", "Fibre"), ("reduction", "Reduction"), ("fit", "Fit"), ("adapt", "AdaptEntry"),
         ("selection", "SelectionEntry"), ("forecast", "ForecastEntry"), ("targets", "Targets"))},

@@ -125,11 +125,11 @@ def test_the_short_study_is_whole():
 
 def test_toml_of_the_data_page_is_what_pliant_takes():
     parts = [tomllib.loads(text) for text in blocks(ROOT / "docs" / "your_own_data.md", "toml")]
-    assert any("alignment" in part for part in parts)
+    assert len(parts) >= 8
     for part in parts:
         for entry in part.get("recordings", {}).values():
             Recording.model_validate(entry)
-        if not {"alignment", "recordings"} & set(part):
+        if "recordings" not in part:
             cores = part.pop("cores", None)
             kinds = {"curvature": CurvatureMapping, "transforms": BagMapping, "stations": ColumnMapping}
             kinds |= {"inputs": ColumnMapping, "inclination": ColumnMapping}

@@ -464,8 +464,8 @@ def test_the_first_motion_of_an_input_ends_the_rest():
     _, place = moving(0.2, count=100)
     late = make_recording(time, place, frame="planar", pressure=np.where(time >= 0.6, 1e5, 0.0))
     assert clock_finding(late) == [
-        ("the body moves before the pressure does (0.59 s): their clocks differ, or the body was touched; rest is "
-         "taken from the shape")]  # fmt: skip
+        ("the body moves before the pressure does (0.59 s): it was touched, or their clocks differ (clock = 'align'); "
+         "rest is taken from the shape")]  # fmt: skip
     fine = make_recording(time, place, frame="planar", pressure=np.where(time >= 0.2, 1e5, 0.0))
     assert clock_finding(fine) == []
     with pytest.raises(InputError, match="positions or angles"):

@@ -156,7 +156,7 @@ def status_sentence(best: OptimizeResult, parameters: Sequence[Parameter], failu
         notes += (f"; {', '.join(stopped)}: the recordings do not determine such a value; hold it constant at a known "
                   "one, state a narrower prior, or widen its bounds")  # fmt: skip
     if unseen:
-        notes += f"; the data do not show the effect of: {', '.join(unseen)}"
+        notes += f"; the data do not show the effect of: {', '.join(unseen)} (hold these constant)"
     if getattr(best, "doubt", ""):
         notes += f"; {best.doubt}"
     return f"The fit {end}{notes}."

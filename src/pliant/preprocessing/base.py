@@ -200,7 +200,8 @@ def bending_normal(
                   default=0.0)
     if largest < max(6.0 * noise, 1e-6):
         what = "no station moves" if option == "motion" else "the body does not bend"
-        raise InputError(f"{what} across the base tangent beyond the noise: set plane to the normal of the plane")
+        raise InputError(f"{what} across the base tangent beyond the noise: set plane to the normal of the plane, or "
+                         "tangent if it points along the motion")
     normal = np.cross(directions[:, 2], tangent)
     normal = normal * (np.sign(normal[np.argmax(np.abs(normal))]) or 1.0)
     return normal, float(values[1] / values[2])

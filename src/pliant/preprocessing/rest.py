@@ -91,7 +91,7 @@ def clock_finding(recording: xr.Dataset) -> list[str]:
     if window is None or still_within(shown(recording), recording["time"].values, window):
         return []
     what = "the pressure does" if "pressure" in recording else "its inputs do"
-    line = f"the body moves before {what} ({window[1]:.3g} s): their clocks differ, or the body was touched"
+    line = f"the body moves before {what} ({window[1]:.3g} s): it was touched, or their clocks differ (clock = 'align')"
     return [f"{line}; rest is taken from the shape"]
 
 

@@ -141,6 +141,8 @@ class ColumnMapping(FileMapping):
     time : column or two columns, optional
         Column of time in `time_unit` (default: the unit in its name, or s), or a column of seconds and one of their
         fraction in `time_unit`. Times of day, such as 10:11:12.5, are read as they are. Without it `rate_hz` is needed.
+    time_unit : {"s", "ms", "us", "ns", "min", "h"}
+        Unit of the column of time, or of the column of the fraction.
     input_time : column, optional
         Column of the times of pressure and inputs, where they have a clock of their own in the table.
     na : list of str or float
@@ -148,13 +150,14 @@ class ColumnMapping(FileMapping):
     rate_hz : float, optional
         Frame rate of a table without a time column.
     length_unit : str
-        Unit of the positions.
+        Unit of the positions: m, cm, mm, um or in.
     camera : Camera, optional
         Instead of `length_unit`, where positions are in pixels, x to the right and y down.
     stations : dict of StationColumns, optional
         Columns by the name of the station, from base to tip.
     points : Points, optional
-        Instead of `stations`. A table without `stations`, `points` and `angles` is a log of inputs.
+        Instead of `stations`: ``{ count = 20, order = "xyz", first = 0 }``, points side by side from one column on. A
+        table without `stations`, `points` and `angles` is a log of inputs.
     arc_length : list of float, m, optional
         Arc length of each station, from base to tip.
     angles : dict of columns, optional
@@ -167,9 +170,11 @@ class ColumnMapping(FileMapping):
         For accelerations or quaternions of sensors on a body in space: takes the direction of gravity in the axes of
         the links in place of angles in a plane.
     pressure : PressureColumns, optional
+        Gauge pressures in Pa, hPa, kPa, MPa, bar, mbar, psi, mmHg, inHg, cmH2O, atm or kgf/cm2.
     inputs : InputColumns or list of them, optional
         Tensions or displacements of tendons, angles of motors.
     select : Select, optional
+        Trial to read, of several in the table, by a number or a text.
     rows : (first, last), optional
         Rows to keep after `select`, counted from 0, the last excluded.
     left_handed : bool

@@ -43,6 +43,7 @@ class CurvatureMapping(FileMapping):
     Attributes
     ----------
     curvature_unit : {"1/m", "1/cm", "1/mm"}
+        Unit of the curvatures.
     arc_unit : str
         Unit of the arc lengths in the column names.
     curvature, direction : str
