@@ -172,11 +172,10 @@ def figure(rows: list[Row], path: Path) -> None:
                 panel.plot(k + 0.28 * np.linspace(-1, 1, v.size), v, "o", ms=2.5, mfc="none", mec="0.35", mew=0.6)
                 panel.plot([k - 0.38, k + 0.38], [np.median(v)] * 2, "k-", lw=1.8)
             panel.set(title=words.rpartition(", ")[0], ylabel=words.rpartition(", ")[2], xticks=range(len(CASES)),
-                      xticklabels=["0.66", "1.3", "2"], xlabel="x highest training pressure")
+                      xticklabels=["0.66", "1.3", "2"], xlabel="x training maximum")
         for panel in panels.flat[len(METRICS) :]:
             panel.set_axis_off()
-        for ending in (".png", ".svg"):
-            drawn.savefig(path.with_suffix(ending), dpi=200)
+        drawn.savefig(path)
 
 
 def main() -> None:
