@@ -258,7 +258,7 @@ def _check_base(recording: xr.Dataset) -> None:
     if turn is None or "position" not in recording:
         raise InputError(f"{poses[0]} needs positions in the base frame: align the recording with base_motion = true")
     if "base_position" not in poses or poses[1:] not in ([], [turn]):
-        raise InputError(f"the motion of a base in the frame {recording.attrs['frame']} is base_position with {turn}, "
-                         f"but the recording holds {', '.join(poses)}")
+        raise InputError(f"the motion of a base in the frame {recording.attrs['frame']} is stated by base_position, "
+                         f"alone or with {turn}, but the recording holds {', '.join(poses)}")
     if turn == "base_quaternion" and turn in recording:
         _check_norm(recording, turn)
