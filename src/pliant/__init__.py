@@ -1,4 +1,4 @@
-"""Convert recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.
+"""Convert recordings of a soft actuator's shape to a validated, real-time reduced-order model.
 
 The public functions and classes, in the order in which an analysis uses them. Each is imported when it is first used,
 so that ``import pliant`` loads nothing else.

@@ -91,7 +91,7 @@ def app_of(*names: str) -> typer.Typer:
     app = typer.Typer(
         name="pliant", add_completion=True, no_args_is_help=True, pretty_exceptions_enable=False, cls=Panels,
         rich_markup_mode=None,
-        help="From recordings of a soft bending actuator's shape to a validated, real-time reduced-order model.",
+        help="From recordings of a soft actuator's shape to a validated, real-time reduced-order model.",
         epilog="Usual order: inspect a recording, write a study, run it, use its model. Every command takes --json and "
         "--quiet, and `pliant COMMAND --help` ends in an example. Exit codes: 0 good, 1 the job failed, 2 bad usage or "
         "bad input.",

@@ -140,12 +140,10 @@ class ValveLine:
         self._march = twin(feedback_loops.valve_ahead)
 
     def ahead(self, sent: Array, by_node: Array, state: Array) -> tuple[Array, Array, Array, Array]:
-        """Return the chamber's mean pressures (K,) [Pa] in K periods and the r valve states (r,) at the end, each
-        followed by its derivatives with respect to the commands at the nodes.
+        """Return the chamber's mean pressures (K,) [Pa] in K periods, their derivatives (K, J) with respect to the
+        commands at the J nodes, the r valve states (r,) at the end and their derivatives (r, J).
 
-        Returns the mean pressure in each period, its derivatives (K, J) by the commands at the nodes, the states at the
-        end and their derivatives (r, J). `sent` holds the delayed commands, oldest first, and those of the K periods;
-        `by_node` holds their derivatives.
+        `sent` holds the delayed commands, oldest first, and those of the K periods; `by_node` holds their derivatives.
         """
         count = len(sent) - self._whole - self._old
         if not self._old:  # commands arrive at the start of a period: the one before has no effect

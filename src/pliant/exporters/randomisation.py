@@ -124,7 +124,7 @@ def body_uncertainty(model: Model, rows: Mapping[str, Any], covariance: Mapping[
     matrix = np.asarray(covariance["matrix"], dtype=float)[np.ix_(keep, keep)]
     mean = np.array([float(rows[name]["value"]) for name in names])
     if not (np.isfinite(matrix).all() and np.isfinite(mean).all()):
-        raise ValueError("a fit holds finite numbers")
+        raise ValueError("its values or covariances are not finite")
     bounds = np.array([bounds_within(name, rows[name]) for name in names]).reshape(-1, 2)
     return Uncertainty(names, mean, matrix, bounds)
 

@@ -87,8 +87,6 @@ def recording_from_arrays(
 
     `others` are names of entries of the file that are not numeric. They and all unused arrays are listed in the
     history.
-
-    `others` are names of the file that hold no numbers; they and all arrays that are not used are named in the history.
     """
     options = ArrayMapping.load(mapping, file)
     if isinstance(options.position, dict):
