@@ -113,14 +113,14 @@ def schema(top: Any, meanings: dict[str, str]) -> str:
 
 
 def entries(kind: Any, meanings: dict[str, str]) -> str:
-    """Entries of one table of a file, with their types, defaults and meanings."""
+    """Entries of one table of a file, with their meanings (in sight on a phone), types and defaults."""
     rows = []
     for name, field in kind.model_fields.items():
         shown = field.alias or name
         default = "needed" if field.is_required() else f"`{json.dumps(as_json(field.get_default()))}`"
         meaning = field.description or meanings.get(f"{kind.__name__}.{name}") or meanings.get(name, "")
-        rows.append((f"`{shown}`", said(field.annotation), default if len(default) < 40 else "", meaning))
-    return table(("entry", "type", "default", "meaning"), rows)
+        rows.append((f"`{shown}`", meaning, said(field.annotation), default if len(default) < 40 else ""))
+    return table(("entry", "meaning", "type", "default"), rows)
 
 
 def as_json(value: Any) -> Any:
