@@ -55,15 +55,33 @@ def test_the_reach_scales_the_noise_alone(clean: tuple[Model, Experiment]) -> No
                                np.hypot(narrow.upper - narrow.position, 1.959964 * spread))  # fmt: skip
 
 
-def test_one_recording_leaves_the_scatter_of_trials_to_a_stated_gain(clean: tuple[Model, Experiment]) -> None:
+def test_fewer_than_three_recordings_leave_the_scatter_of_trials_to_a_stated_gain(
+    clean: tuple[Model, Experiment],
+) -> None:
     model, exp = clean
     rng = np.random.default_rng(3)
-    one, two = (shaken(exp, rng.standard_normal(exp.position.shape), n) for n in ("one", "two"))
-    found = fitted(model, one, two)
-    alone = prediction_band(exp, found, training=[one]).std
-    both = prediction_band(exp, found, training=[one, two]).std
-    assert (alone >= TRIAL_GAIN * np.abs(exp.position - exp.position[:1])).all()
-    assert both.max() < 0.2 * alone.max()
+    trials = [shaken(exp, rng.standard_normal(exp.position.shape), n) for n in ("one", "two", "three")]
+    for few in (trials[:1], trials[:2]):
+        std = prediction_band(exp, fitted(model, *few), training=few).std
+        assert (std >= TRIAL_GAIN * np.abs(exp.position - exp.position[:1])).all()
+    alike = prediction_band(exp, fitted(model, *trials), training=trials).std
+    assert alike.max() < 0.2 * std.max()
+
+
+def test_two_levels_through_which_a_torque_law_passes_do_not_show_a_gain_of_each(
+    clean: tuple[Model, Experiment], traced: Any,
+) -> None:
+    model, rng = clean[0], np.random.default_rng(7)
+
+    def trial(name: str, level: float, gain: float) -> Experiment:
+        exp = traced(model.with_(torque=gain * model.torque), name, level)
+        return shaken(exp, rng.standard_normal(exp.position.shape), name)
+
+    train = [trial("low", 6e4, 1.02), trial("high", 1.2e5, 0.98)]
+    law = fit(train, model, ["stiffness", "damping", "torque_1", "torque_2"], time_step=STEP, starts=1)
+    between = trial("between", 9e4, 0.975)
+    assert prediction_band(between, law, training=train, noise=1e-4).holds(between.position) > 0.9
+    assert prediction_band(between, law, noise=1e-4).holds(between.position) < 0.85
 
 
 def test_the_scatter_of_three_recordings_widens_the_band_of_a_fourth(clean: tuple[Model, Experiment]) -> None:

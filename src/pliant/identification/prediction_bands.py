@@ -19,13 +19,13 @@ from pliant.identification.fit import predict_held_out
 from pliant.identification.prediction import compared_of, predict
 from pliant.identification.result import FitResult
 from pliant.identification.sensitivity import sensitivities
-from pliant.identification.uncertainty import HIDDEN
+from pliant.identification.uncertainty import FEWEST, HIDDEN
 from pliant.shapes import Float
 
 Array = np.ndarray
 LEAST_SQUARE = 0.1  # of the mean squared residual: least expected square at any time
 REACH = (1.5, 3.0)  # standard deviations, least and most, for 95 % of the residuals
-TRIAL_GAIN = 0.02  # standard deviation of a gain from trial to trial, which one recording does not show
+TRIAL_GAIN = 0.02  # standard deviation of a gain from trial to trial, which fewer than three recordings do not show
 OF_MEDIAN = 0.5 * np.pi  # variance of the median of normal values over that of their mean
 AT_REST = 3  # independent values in the errors at rest of one recording, by all stations
 LEAST_VARIANCE = 1e-6  # of the largest variance of scaled parameters: smaller ones are neglected
@@ -101,7 +101,7 @@ def prediction_band(
     training : sequence of Experiment, optional
         The training recordings. If given, the band grows where pressure or speed leave their range; see `discrepancy`.
         The scatter of the parameters from trial to trial counts where it exceeds the noise, which contains that of the
-        training recordings: as estimated from three or more recordings; 2 % of the motion for one.
+        training recordings: as estimated from three or more recordings; 2 % of the motion for fewer.
     reach : float, optional
         Standard deviations of the noise within which its fraction `level` lies, from `residual_reach`; default: those
         of a normal distribution.
@@ -157,7 +157,7 @@ def trial_to_trial(rows: Array, recordings: int) -> Array:
     """Return the stated variance (T, S, k) of a motion (T, S, k) from trial to trial: that of a common gain. It is 0
     where several training `recordings` show their scatter in the residuals.
     """
-    return np.asarray((TRIAL_GAIN * (rows - rows[:1])) ** 2 * (recordings == 1))
+    return np.asarray((TRIAL_GAIN * (rows - rows[:1])) ** 2 * (recordings < FEWEST))
 
 
 @dataclass(frozen=True, eq=False)
