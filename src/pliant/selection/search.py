@@ -19,6 +19,7 @@ from pliant.selection.criterion import (
     cost_without,
 )
 from pliant.selection.fitted import (
+    TOLERANCE,
     FittedModel,
     fitted,
     rivals_among,
@@ -261,12 +262,13 @@ class Search(RunningSearch):
     def last_fit(self) -> FitResult:
         """Return the best model, fitted until it converges."""
         problem, began = with_checked_step(self.best, self.setting), clock.perf_counter()
-        evaluations = self.affordable(LAST_EVALUATIONS, last=True)
-        best = solve(problem, self.best.x, self.setting.loss, evaluations)
+        x = self.best.x
         for _ in range(2 if problem.learns else 0):
-            problem.learn_sizes(best.x)
-            evaluations = self.affordable(LAST_EVALUATIONS, last=True)
-            best = solve(problem, best.x, self.setting.loss, evaluations)
+            x = solve(problem, x, self.setting.loss, self.affordable(LAST_EVALUATIONS, last=True),
+                      tolerance=TOLERANCE).x  # fmt: skip
+            problem.learn_sizes(x)
+        evaluations = self.affordable(LAST_EVALUATIONS, last=True)
+        best = solve(problem, x, self.setting.loss, evaluations)
         self.setting = replace(self.setting, time_step=problem.time_step)
         self.best = FittedModel(problem, best.x, problem.data_residual(best.x), problem.data_jacobian(best.x))
         late = best.status == 0 and evaluations < LAST_EVALUATIONS
