@@ -43,11 +43,11 @@ def pose_inputs(model_at: ModelAt, exp: Experiment) -> Drive:
         traces = [exp.driving(name) for name in model.actuation.names]
         parts[key] = np.stack([np.zeros(exp.time.size) if t is None else t(exp.time) for t in traces], axis=1)
     values: Array = parts[key]
-    own = (*key, *(c.key for c in model.chambers))
-    if own not in parts:
-        parts[own] = np.stack([c.torque_at(v) for c, v in zip(model.chambers, values.T, strict=True)], axis=1)
+    laws = (*key, *(c.key for c in model.chambers))
+    if laws not in parts:
+        parts[laws] = np.stack([c.torque_at(v) for c, v in zip(model.chambers, values.T, strict=True)], axis=1)
     still = np.zeros(values.shape[1])
-    return Drive(np.zeros(0), parts[own], model.actuation.columns, np.arange(exp.time.size), values, still)
+    return Drive(np.zeros(0), parts[laws], model.actuation.columns, np.arange(exp.time.size), values, still)
 
 
 COMPLEX = NumberKind(partial(of_kind, kind=complex), np.real, twin)
