@@ -289,6 +289,30 @@ def test_a_search_that_was_killed_goes_on_where_it_was(tmp_path):
     assert file.load() is None
 
 
+@pytest.mark.parametrize(("values", "names"), [
+    ({}, ["softening", "cubic"]), ({"creep_share_1": 0.2, "creep_time_1": 0.3}, ["creep", "creep_2"]),
+    ({}, ["wall"]),
+])  # fmt: skip
+def test_a_chosen_model_has_no_undetermined_parameter_without_a_prior(values, names):
+    train = two(apply(chain(), values))
+    setting, terms = FitSetting(tuple(train), 0.005), terms_for(GIVEN, train, only=names)
+    begun = [Parameter("stiffness", 0.5), Parameter("damping", 3e-3), Parameter("torque_1", 6e-7)]
+    best = fitted(setting, GIVEN, [*begun, *(p for t in terms for p in t.begun(t.grid[0], {}))])
+    search = Search(setting, best.model, best, terms, clock.monotonic(), clock.monotonic() + 60, lambda _line: None,
+                    chosen=list(terms))  # fmt: skip
+    vague = {name for t in terms for name in search.vague(t)}
+    assert vague
+    result, null = search.final_fit(), {n: v for t in terms for n, v in t.null.items()}
+    for p in (p for t in terms for p in result.parameters if p.name in {a.name for a in t.adds} and p.free):
+        size = abs(p.value - null.get(p.name, 0.0))
+        assert p.prior_std or p.std <= 0.5 * size, p
+        assert (p.name in null) or not p.prior_std
+    for p in (p for p in result.parameters if p.name in vague and (p.prior_std or not p.free)):
+        assert "the recordings show only" in p.source
+        assert p.name in search.reason("")
+    assert max(result.rmse.values()) < 1.2 * np.sqrt(2.0) * NOISE
+
+
 @pytest.mark.slow
 def test_a_search_that_goes_on_drops_a_term_with_its_parameters(tmp_path):
     train = two(chain())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 from pliant.identification import Experiment
 from pliant.model import Model, Station, chain_model
+from pliant.selection import terms_for
 from pliant.simulation import Trace, simulate
-from pliant.study.draft_check import shortened, start_of_search
+from pliant.study.draft_check import search_seconds, seconds_of, shortened, start_of_search
 from pliant.study.schema import SelectionEntry, Study
 
 TIMES = np.arange(0.0, 40.0, 0.05)
@@ -49,3 +51,24 @@ def test_the_trial_begins_as_the_search_does(rng, slow):
         assert "held" in stiffness.source
         values = problem.values(x)
         assert values["damping"] / values["stiffness"] == pytest.approx(0.6, rel=0.3)
+
+
+def test_what_is_compiled_in_the_first_call_is_not_in_the_forecast():
+    calls: list[int] = []
+
+    def action(k: int) -> None:
+        calls.append(k)
+        clock.sleep(0.2 if k == 0 else 0.01)
+
+    assert 0.01 <= seconds_of(action) < 0.2
+    assert calls == [0, 1]
+
+
+def test_a_forecast_grows_with_the_terms_that_may_join(rng):
+    """Every term is screened in each step of a search, whatever the derivatives of the first model take."""
+    exp = recorded(rng).of_frames(slice(0, 60))
+    model = slow_arm(chambers=(replace(slow_arm().chambers[0], torque=np.zeros(1)),), stations=())
+    entry = SelectionEntry(train=["one"])
+    problem, x = start_of_search(Study.model_validate(STUDY), entry, [exp], [exp], model, whole=False)
+    few, every = (search_seconds(entry, terms_for(model, [exp], only=only), problem, x) for only in (["base"], []))
+    assert 0.0 < few < every

@@ -82,7 +82,7 @@ def forward_problem(
 
 def poses_problem(model_at: ModelAt, exp: Experiment, params: Mapping[str, float]) -> ForwardProblem:
     """Return the simulation inputs of a recording of settled poses: the torques of each pose, without time steps."""
-    model, plan, size = model_at.model, pose_inputs(model_at.model, exp), mechanics_of(model_at.model).size
+    model, plan, size = model_at.model, pose_inputs(model_at, exp), mechanics_of(model_at.model).size
     still = np.zeros(size), np.zeros(size)
     numbers = forward_numbers(model_at, exp, params, plan, still, (model.base_angle, model.base_angle))
     return ForwardProblem(numbers, plan.keep, 0, carriers(model_at, exp), model, plan.pressure, from_rest=False,

@@ -19,29 +19,35 @@ from pliant.identification.observation import TINY, NumberKind, in_kind, places_
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.complex_slopes import of_kind
 from pliant.mechanics.rest import settling
-from pliant.model import Model
 from pliant.simulation.drive import Drive
 
 if TYPE_CHECKING:
     from pliant.identification.experiment import Experiment
+    from pliant.identification.plans import ModelAt
 
 Array = np.ndarray
 
 
-def pose_inputs(model: Model, exp: Experiment) -> Drive:
+def pose_inputs(model_at: ModelAt, exp: Experiment) -> Drive:
     """Return the pressures and chamber torques under which the body rests in each row of a
-    recording of settled poses.
+    recording of settled poses. Models of one fit share what their parameters do not change.
     """
-    check_driven(model, [exp])
-    if model.space is None:
-        raise InputError(
-            f"experiment {exp.name}: poses need a model in space, and {model.name!r} is planar: leave out poses"
-        )
-    traces = [exp.driving(name) for name in model.actuation.names]
-    values = np.stack([np.zeros(exp.time.size) if t is None else t(exp.time) for t in traces], axis=1)
-    torque = np.stack([c.torque_at(v) for c, v in zip(model.chambers, values.T, strict=True)], axis=1)
+    model, parts = model_at.model, model_at.parts
+    key = (pose_inputs, exp.name)
+    if key not in parts:
+        check_driven(model, [exp])
+        if model.space is None:
+            raise InputError(
+                f"experiment {exp.name}: poses need a model in space, and {model.name!r} is planar: leave out poses"
+            )
+        traces = [exp.driving(name) for name in model.actuation.names]
+        parts[key] = np.stack([np.zeros(exp.time.size) if t is None else t(exp.time) for t in traces], axis=1)
+    values: Array = parts[key]
+    laws = (*key, *(c.key for c in model.chambers))
+    if laws not in parts:
+        parts[laws] = np.stack([c.torque_at(v) for c, v in zip(model.chambers, values.T, strict=True)], axis=1)
     still = np.zeros(values.shape[1])
-    return Drive(np.zeros(0), torque, model.actuation.columns, np.arange(exp.time.size), values, still)
+    return Drive(np.zeros(0), parts[laws], model.actuation.columns, np.arange(exp.time.size), values, still)
 
 
 COMPLEX = NumberKind(partial(of_kind, kind=complex), np.real, twin)

@@ -106,7 +106,7 @@ def slopes_of(
         if (parameter if dot and owner == exp.name else name) in exp.known:
             continue
         drive = forward.drive if name.rpartition(".")[2] not in MOVE_STEPS else None
-        key = (name, *shared) if shared and drive else None
+        key = (name, *shared) if shared and (drive or forward.poses) else None
 
         def problem_at(value: float, drive: Drive | None, name: str = name) -> ForwardProblem:
             rest = resting[0] if resting else None
@@ -118,7 +118,7 @@ def slopes_of(
             base, slope = input_slopes(name, problem_at, forward, values[name], change, drive)
             if resting and np.any(slope.row):
                 slope = with_equilibrium_slope(base, slope, resting[1] if base is forward else rest_stiffness(base))
-            if key and slope.torque is None:
+            if key and (slope.torque is None or np.ndim(slope.torque) == 0):
                 plans.slopes[key] = slope
         if base is forward:
             slopes_at_base.append((k, slope))
@@ -135,7 +135,8 @@ def shared_key(exp: Experiment, values: Mapping[str, float], forward: ForwardPro
     keys share these derivatives; () means that they are not shared.
     """
     of_record = {n.rpartition(".")[2] for n in values if n.startswith(f"{exp.name}.")}
-    if not forward.from_rest or exp.forces or exp.base or exp.own_places or exp.known or of_record - {*EDGES}:
+    begins_alike = forward.from_rest or forward.poses
+    if not begins_alike or exp.forces or exp.base or exp.own_places or exp.known or of_record - {*EDGES}:
         return ()
     same = (forward.numbers.torque_before, forward.numbers.phi, forward.numbers.chambers)
     return (exp.stations, exp.angle_reference, exp.framed.tobytes(), *(a.tobytes() for a in same))

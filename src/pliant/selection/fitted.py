@@ -19,7 +19,7 @@ from pliant.identification.optimise import solve
 from pliant.identification.parameters import Parameter, apply
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import Observations
-from pliant.identification.uncertainty import covariance
+from pliant.identification.uncertainty import Covariance, covariance
 from pliant.model import Model
 from pliant.selection.result import RivalModel
 from pliant.shapes import Float
@@ -169,10 +169,19 @@ class FittedModel:
         return problem.size
 
     @cached_property
+    def covariance(self) -> Covariance:
+        """Return the covariance of the free parameters."""
+        return covariance(self.problem, self.x)
+
+    @property
     def standard_errors(self) -> dict[str, float | None]:
         """Return the standard error (SI) of each free parameter by name; None for one that is not determined."""
-        matrix = covariance(self.problem, self.x)
-        return dict(zip(matrix.names, matrix.std, strict=True))
+        return dict(zip(self.covariance.names, self.covariance.std, strict=True))
+
+    @property
+    def doubts(self) -> dict[str, float | None]:
+        """Return the standard errors with errors of the model's form, as a finished fit reports them."""
+        return dict(zip(self.covariance.names, self.covariance.doubt, strict=True))
 
     def percent(self, residual: Float[Array, " N"]) -> dict[str, float]:
         """Return the RMS error [% of peak displacement] of each recording for weighted residuals (N,).

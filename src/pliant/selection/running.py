@@ -152,7 +152,7 @@ class RunningSearch:
         error.
         """
         prior = {p.name for p in self.best.problem.free if p.prior_std}
-        vague = undetermined(self.best.values, self.best.standard_errors, term)
+        vague = undetermined(self.best.values, self.best.doubts, term)
         return {name: text for name, text in vague.items() if name not in prior}
 
     @property

@@ -17,10 +17,11 @@ from pliant.selection.criterion import (
     at_bounds,
     by_percent,
     cost_without,
-    undetermined,
 )
 from pliant.selection.fitted import (
+    TOLERANCE,
     FittedModel,
+    fitted,
     rivals_among,
     with_checked_step,
 )
@@ -51,15 +52,14 @@ class Search(RunningSearch):
                 stop = self.add_term()
                 if stop == NO_BETTER and (self.restart_terms() or self.drop_terms()):
                     stop = ""
-            while self.drop_term() or self.hold_parameter():
-                pass
+            self.drop_terms()
         except KeyboardInterrupt:
             stop = "it was interrupted, and this is the best model so far"
             self.notify("interrupted: the best model so far is fitted and judged; press Ctrl-C again to stop at once")
         result = self.final_fit()
         names = tuple(term.name for term in self.chosen)
         rivals = rivals_among(self.others, self.score, self.best, self.setting.loss)
-        return ModelSelection(tuple(self.steps), names, self.reason(stop, result), result,
+        return ModelSelection(tuple(self.steps), names, self.reason(stop), result,
                               clock.monotonic() - self.began, stop == NO_BETTER, rivals)
 
     def add_term(self) -> str:
@@ -215,51 +215,73 @@ class Search(RunningSearch):
         self.keep(score, f"without {term.title}", end)
         return (score, end, term) if score < (1 + (MUCH if vague else MATERIAL)) * self.score else None
 
-    def hold_parameter(self) -> bool:
-        """Hold an undetermined time, angle or limit of a term constant at its value; return whether there was one.
-
-        The value is stated with its source, and the other parameters of the term are determined relative to it.
+    def settle_parameters(self) -> bool:
+        """Hold each undetermined time, angle or limit of a term at its value, and let every other undetermined
+        parameter of a term rest on a prior: no effect, give or take the size that the fit shows. Return whether there
+        was one. The source of each says so; the other parameters of the term are determined relative to it.
         """
-        vague = {name: text for t in self.chosen for name, text in self.vague(t).items()
-                 if name not in t.null}  # fmt: skip
+        count = len(self.steps)
+        while entry := self.unsettled():
+            name, text, null = entry
+            value = self.best.values[name]
+            p = next(p for p in self.best.parameters if p.name == name)
+            if null is None or value == null:
+                p = replace(p, free=False, source=f"held: the recordings show only {text}")
+                title = f"{name} held at {value:.3g}"
+            else:
+                p = replace(p, prior=null, prior_std=abs(value - null),
+                            source=f"a prior: the recordings show only {text}")  # fmt: skip
+                title = f"{name} rests on a prior of {null:.3g} +- {abs(value - null):.3g}"
+            named = [p if other.name == name else other for other in self.best.parameters]
+            self.best = fitted(self.setting, self.model(), named, prior_weight=self.best.prior_weight, evaluations=0)
+            self.score = self.scored(self.best)
+            self.record(f"={name}", title)
+        return len(self.steps) > count
+
+    def unsettled(self) -> tuple[str, str, float | None] | None:
+        """Return the name of a parameter of a term that neither the recordings nor a prior determine, what they show of
+        it as text, and its value without effect; None for that of a time, an angle or a limit, which come first. None
+        if all are determined.
+        """
+        vague = [(name, text, term.null.get(name)) for term in self.chosen for name, text in self.vague(term).items()]
         upper = {p.name: p.upper for p in self.best.problem.free}
-        vague |= {name: "that it is as long as they are, or longer" for t in self.chosen for name in t.limits
-                  if self.best.values[name] >= (1.0 - 1e-6) * upper.get(name, np.inf)}  # fmt: skip
-        if not vague or self.late:
-            return False
-        name = next(iter(vague))
-        named = [replace(p, free=False, source=f"held: the recordings show only {vague[name]}") if p.name == name else p
-                for p in self.best.parameters]
-        try:
-            self.best = self.refitted(self.model(), named)
-        except PliantError:
-            return False
-        self.score = self.scored(self.best)
-        self.record(f"={name}", f"{name} held at {self.best.values[name]:.3g}")
-        return True
+        vague += [(name, "that it is as long as they are, or longer", None) for term in self.chosen
+                  for name in term.limits if self.best.values[name] >= (1.0 - 1e-6) * upper.get(name, np.inf)]
+        return min(vague, key=lambda entry: entry[2] is not None, default=None)
 
     def final_fit(self) -> FitResult:
-        """Return the chosen model, fitted until it converges."""
+        """Return the chosen model, fitted until it converges, with every parameter of its terms determined, held or on
+        a prior.
+        """
+        self.settle_parameters()
+        result = self.last_fit()
+        while self.settle_parameters():
+            result = self.last_fit()
+        return result
+
+    def last_fit(self) -> FitResult:
+        """Return the best model, fitted until it converges."""
         problem, began = with_checked_step(self.best, self.setting), clock.perf_counter()
-        evaluations = self.affordable(LAST_EVALUATIONS, last=True)
-        best = solve(problem, self.best.x, self.setting.loss, evaluations)
+        x = self.best.x
         for _ in range(2 if problem.learns else 0):
-            problem.learn_sizes(best.x)
-            evaluations = self.affordable(LAST_EVALUATIONS, last=True)
-            best = solve(problem, best.x, self.setting.loss, evaluations)
+            x = solve(problem, x, self.setting.loss, self.affordable(LAST_EVALUATIONS, last=True),
+                      tolerance=TOLERANCE).x  # fmt: skip
+            problem.learn_sizes(x)
+        evaluations = self.affordable(LAST_EVALUATIONS, last=True)
+        best = solve(problem, x, self.setting.loss, evaluations)
+        self.setting = replace(self.setting, time_step=problem.time_step)
+        self.best = FittedModel(problem, best.x, problem.data_residual(best.x), problem.data_jacobian(best.x))
         late = best.status == 0 and evaluations < LAST_EVALUATIONS
         failure = "stopped at the time limit before it converged: raise minutes" if late else ""
         return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began, failure)
 
-    def reason(self, stop: str, result: FitResult) -> str:
+    def reason(self, stop: str) -> str:
         """Return a sentence on the model that was chosen, why the search ended, and what the model needs although the
-        standard errors of its last fit, `result`, do not determine it.
+        recordings do not determine it.
         """
         names = ", ".join(t.title for t in self.chosen) or "no further term"
         first, last = self.steps[0].left_out_percent, self.steps[-1].left_out_percent
-        errors = {p.name: p.std for p in result.parameters if p.free and not p.prior_std}
-        vague = {n: v for t in self.chosen for n, v in undetermined(result.values, errors, t).items()}
-        if vague:
-            stop += "; needed, although not determined: " + ", ".join(f"{n} ({v})" for n, v in vague.items())
+        if settled := [step.title for step in self.steps if step.name.startswith("=")]:
+            stop += f"; not determined, but needed: {', '.join(settled)}"
         return (f"{names}: left-out parts of the training recordings are predicted with {last:.3g} % of the peak "
                 f"displacement ({first:.3g} % without these terms); {stop}")

@@ -55,7 +55,9 @@ def select_model(
     `pliant.selection.criterion`) joins the model if its converged fit, from each row of its grid, lowers their sum of
     squares by 3 %. When none does, a term is fitted anew after another one that explains the same residual. At the end,
     terms without which the prediction is as good, and terms that the recordings do not determine (standard error above
-    half the value), are dropped again. An undetermined time or angle of a term that is needed is held at its value.
+    half the value, errors of the model's form included), are dropped again. Of a term that is needed, an undetermined
+    time or angle is held at its value, and another undetermined parameter rests on a prior: no effect, give or take the
+    size that the fit shows. The reason of the result names them.
 
     A stiffness that the recordings do not show to the first model is held, and is free again, under the name
     "stiffness", as soon as this counts as a term that joins: whatever `terms` lists, unless `common` states it.

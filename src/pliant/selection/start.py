@@ -22,7 +22,7 @@ from pliant.identification.parameters import shared_name
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.selection.first_model import Entry, beginning, edge_limits, edge_times, name_of
-from pliant.selection.fitted import FitSetting, FittedModel, fitted, frame_spacing, tried_step
+from pliant.selection.fitted import TOLERANCE, FitSetting, FittedModel, fitted, frame_spacing, tried_step
 from pliant.selection.slow import SlowBody, first_parameters, left_by, may_be_slow, moved_and_inputs, settled, slow_body
 from pliant.selection.terms import Term
 
@@ -104,7 +104,8 @@ def first_fit(
     named and stay near their start values.
     """
     options: dict[str, Any] = {"starts": 2, "max_evaluations": 100, "time_step": how["time_step"],
-                               "weighting": how["weighting"], "loss": how["loss"], "rng": how["rng"]}  # fmt: skip
+                               "weighting": how["weighting"], "loss": how["loss"], "rng": how["rng"],
+                               "tolerance": TOLERANCE}  # fmt: skip
     try:
         return fit(train, model, parameters, **options)
     except FitError as error:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 import time as clock
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,9 +20,11 @@ from pliant.identification import Experiment
 from pliant.identification.fit import check_identifiable, first_problem, parameters_from, starts_of
 from pliant.identification.problem import Problem
 from pliant.model import Model
-from pliant.selection import terms_for
+from pliant.selection import Term, terms_for
+from pliant.selection.criterion import parts_of
 from pliant.selection.first_model import beginning
-from pliant.selection.fitted import FitSetting
+from pliant.selection.fitted import FitSetting, fitted
+from pliant.selection.screen import screened
 from pliant.selection.select import MINUTES
 from pliant.selection.slow import slow_body
 from pliant.selection.start import quick_start, slow_start
@@ -38,7 +40,7 @@ LENGTH, DENSITY, SLENDER, LEVER = 0.2, 1100.0, 10.0, 0.01  # m; kg/m^3; length o
 LEVEL_KPA, PAYLOAD = 30.0, 0.02  # kPa, kg
 BEHIND = (0.9, 0.8, 0.7, 0.6, 0.5)  # of the length, from an assumed base to the last station
 REACH = 1.05  # length of an assumed body over the largest distance that its last station has from the base
-SEARCH = 800.0  # derivatives of the first model take as long as a search of terms; 600 to 1200 on bundled recordings
+DERIVATIVES, SCREENS = 500.0, 60.0  # of the first model, and of all terms, that take together as long as a search
 POSES, SECONDS, FRAMES = 40, 15.0, 50  # settled poses of a file, and seconds of a motion, that a check uses
 QUICK_S = 5.0  # a first step that is shorter is repeated, so that the compilation of its kernels is not in the forecast
 
@@ -80,17 +82,16 @@ def check_draft(text: str, folder: Path, inspected: Inspected) -> DraftCheck:
             path = Path(directory) / f"{content['name']}.json"
             path.write_text(json.dumps(content), encoding="utf-8")
             study = load_study(path)
-        step, dropped = first_step(study, whole=not assumed)
+        search, dropped = first_step(study, whole=not assumed)
     except PliantError as error:
         return DraftCheck(str(error).replace(str(path), "the study"), None, assumed)
-    fitting = min(SEARCH * step, 60 * MINUTES)
-    return DraftCheck("", clock.perf_counter() - began + fitting, assumed, dropped)
+    return DraftCheck("", clock.perf_counter() - began + min(search, 60 * MINUTES), assumed, dropped)
 
 
 def first_step(study: Study, *, whole: bool) -> tuple[float, tuple[str, ...]]:
-    """Prepare a study, find the start of its model selection as a run does, and compute the derivatives there. Return
-    the time that these take [s], and a sentence for each recording that is left out. Of long recordings a part is used,
-    and the time is extrapolated.
+    """Prepare a study, find the start of its model selection as a run does, compute the derivatives there, and screen
+    the terms. Return the time of a search [s] that follows from these, and a sentence for each recording that is left
+    out. Of long recordings a part is used, and the time is extrapolated.
 
     Raises
     ------
@@ -105,14 +106,33 @@ def first_step(study: Study, *, whole: bool) -> tuple[float, tuple[str, ...]]:
     train = [ready.experiments[name] for name in entry.train]
     short, parts = zip(*map(shortened, train), strict=True)
     problem, x = start_of_search(study, entry, train, short, ready.model, whole=whole and min(parts) == 1.0)
-    step = 0.0
-    for shift in (1e-6, 2e-6):  # the derivatives at the start itself are known
+    seconds = search_seconds(entry, terms_for(ready.model, train, only=entry.terms, without=entry.without), problem, x)
+    return seconds / float(np.mean(parts)), tuple(ready.dropped.values())
+
+
+def search_seconds(entry: SelectionEntry, terms: Sequence[Term], problem: Problem, x: np.ndarray) -> float:
+    """Return the time [s] that a search among `terms` takes from the first model with the scaled parameters x (P,), as
+    the derivatives there and a screen of the terms show it.
+    """
+    slopes = seconds_of(lambda k: problem.jacobian(x + 1e-6 * (k + 1)))  # those at the start itself are known
+    setting = FitSetting(tuple(problem.experiments), problem.time_step, entry.weighting, entry.loss)
+    begun = {p.name: float(v) for p, v in zip(problem.free, x * problem.scale, strict=True)}
+    parameters = [p.with_(value=begun.get(p.name, p.value)) for p in problem.parameters]
+    parent = fitted(setting, problem.model, parameters, evaluations=0)
+    terms = [t for t in terms if not t.needs and set(t.replaces) <= set(parent.free)]
+    screen = seconds_of(lambda _: screened(parent, problem.model, terms, setting, parts_of(parent)))
+    return DERIVATIVES * slopes + SCREENS * screen
+
+
+def seconds_of(action: Callable[[int], object]) -> float:
+    """Return the time [s] that an action takes; if it is quick, once what it compiles is compiled."""
+    for k in range(2):
         began = clock.perf_counter()
-        problem.jacobian(x + shift)
-        step = clock.perf_counter() - began
-        if step > QUICK_S:
+        action(k)
+        seconds = clock.perf_counter() - began
+        if seconds > QUICK_S:
             break
-    return step / float(np.mean(parts)), tuple(ready.dropped.values())
+    return seconds
 
 
 def start_of_search(
