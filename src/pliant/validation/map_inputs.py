@@ -10,9 +10,9 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
-from pliant.identification.lagged_inputs import behind_lags
 from pliant.recording.rules import INPUT_UNITS
 from pliant.simulation import Pulse, Trace
+from pliant.simulation.drive import behind_lags
 from pliant.simulation.inputs import Input
 from pliant.units import shown_in
 

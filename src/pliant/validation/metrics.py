@@ -13,9 +13,9 @@ from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import last_edge
 from pliant.numerics.curve import arc_lengths
-from pliant.numerics.joint_rotations import swings_along
 from pliant.numerics.ringdown import peak, ring_down, swings
 from pliant.preprocessing.detectors import quantum
+from pliant.reduction.links import swings_along
 
 Array = np.ndarray
 END_S = 0.2  # s at the end of the pulse or of the recording that count as steady state
