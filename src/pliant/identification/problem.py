@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.errors import PliantError
 from pliant.identification.chamber_parameters import held_gains
-from pliant.identification.experiment import Experiment
+from pliant.identification.experiment import EDGES_OF, Experiment
 from pliant.identification.following import observed_rows
 from pliant.identification.forward_model import forward_problem
 from pliant.identification.joint_prior import JointPrior
@@ -26,6 +26,7 @@ FAR = 1e3  # residual, in peak displacements, of a parameter set that cannot be 
 BLIND = 1e-11  # of the longest column of the Jacobian: a shorter one is rounding error
 MOST_PLANS = 100  # cached models, and cached steps and torques
 HELD_MEAN = 1e-3  # standard deviation of the held mean of joint gains, which no recording determines
+EDGE_TIMES = {edge for names in EDGES_OF.values() for edge in names}
 FIRST_GUESS = 0.01  # of a peak displacement: assumed size of the residuals before the first fit
 
 
@@ -237,7 +238,7 @@ def scattered(free: Sequence[Parameter], x: Array, bounds: Sequence[Array], rng:
     """Return a random start point near the scaled parameters x (P,): each changed by up to 30 %, except edge times."""
     start = x.copy()
     for i, p in enumerate(free):
-        if p.name.rpartition(".")[2] not in ("start", "stop", "release"):
+        if p.name.rpartition(".")[2] not in EDGE_TIMES:
             start[i] += 0.3 * rng.uniform(-1, 1) * max(abs(start[i]), 1e-3)
     return np.clip(start, *bounds)
 

@@ -63,7 +63,7 @@ def inputs_of(exp: Experiment) -> dict[str, Input]:
     that its motion shows; then the components of known forces. "" is the name of a single input without one.
     """
     sources: dict[str, Input] = dict(exp.traces)
-    if exp.excitation in ("pulse", "step"):
+    if exp.nominal:
         times = {**edges(exp), **exp.known}
         width = np.inf if exp.excitation == "step" else max(times["stop"] - times["start"], SHORTEST)
         sources[""] = Pulse(exp.level, times["start"], width)

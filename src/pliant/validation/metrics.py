@@ -259,7 +259,7 @@ def on_window(exp: Experiment, t: Array) -> Array | None:
     """Return a boolean for each of the times `t` [s], True on the plateau of the pressure; None if there is no
     plateau.
     """
-    if exp.excitation in ("pulse", "step"):
+    if exp.nominal:
         edge = edges(exp)
         return (t > edge["start"]) & (t < edge.get("stop", np.inf))
     if exp.pressure is None or exp.poses:
