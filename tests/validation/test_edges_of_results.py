@@ -14,8 +14,8 @@ from pliant.recording import make_recording
 from pliant.reduction import links_of
 from pliant.simulation import Trace
 from pliant.validation import figures, metrics
-from pliant.validation.draw import chain_through
 from pliant.validation.metrics import compare, response
+from pliant.validation.selection_figures import chain_through
 from pliant.validation.store import metrics_of, modelled, recorded, save_results
 
 T = np.arange(0.0, 4.0, 0.01)

@@ -18,7 +18,7 @@ from pliant.identification import Band
 from pliant.plotting import page
 from pliant.validation import figures, use_figures
 from pliant.validation.curves import slenderness
-from pliant.validation.draw import order_figure, shape_figure
+from pliant.validation.selection_figures import order_figure, shape_figure
 from pliant.validation.use_figures import body_film, motion_figure
 
 MEASURED, MODELLED = ("0.57", "-", 1.9, "None"), ("#0b2f6b", "-", 0.9, "None")

@@ -17,7 +17,6 @@ from pliant.reduction import links_of
 from pliant.selection import ModelSelection, SelectionStep, TriedTerm
 from pliant.simulation import Trace
 from pliant.validation import curves, draw, metrics
-from pliant.validation.draw import chain_through
 from pliant.validation.metrics import (
     change,
     compare,
@@ -38,6 +37,7 @@ from pliant.validation.outcome import (
     turned_record,
     turned_shape,
 )
+from pliant.validation.selection_figures import chain_through
 from pliant.validation.store import (
     experiment_of,
     forecast_dataset,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.errors import InputError
-from pliant.validation.draw import chain_through, order_figure, shape_figure
+from pliant.validation.selection_figures import chain_through, order_figure, shape_figure
 
 
 def test_chain_meets_the_measured_shape(shape):

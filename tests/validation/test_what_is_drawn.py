@@ -13,7 +13,8 @@ from pliant.errors import InputError
 from pliant.plotting import PAGE_WIDTH, page
 from pliant.selection import ModelSelection, SelectionStep
 from pliant.validation import figures
-from pliant.validation.draw import map_error, selection_figure, shape_figure
+from pliant.validation.draw import map_error
+from pliant.validation.selection_figures import selection_figure, shape_figure
 from pliant.validation.use_figures import body_film
 
 

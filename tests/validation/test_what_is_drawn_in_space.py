@@ -14,10 +14,10 @@ from pliant.recording import make_recording
 from pliant.reduction import links_of, select_order
 from pliant.reduction.links import link_frames, swings_along
 from pliant.simulation import Trace
-from pliant.validation.draw import chain_through, shape_figure
 from pliant.validation.figures import path_figure, record_figure, residual_figure
 from pliant.validation.metrics import joint_errors
 from pliant.validation.outcome import RecordOutcome, Shape
+from pliant.validation.selection_figures import chain_through, shape_figure
 from pliant.validation.store import experiment_of, modelled, modelled_inputs, recorded
 
 TIME = np.arange(60) / 30

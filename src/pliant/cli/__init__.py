@@ -13,8 +13,7 @@ from typer.core import TyperGroup
 
 from pliant.cli.contact import contact
 from pliant.cli.control import control
-from pliant.cli.demo import data, demo
-from pliant.cli.design import design
+from pliant.cli.demo import data, demo, run_testbed
 from pliant.cli.estimate import estimate
 from pliant.cli.export import export
 from pliant.cli.figures import figures, view
@@ -24,10 +23,9 @@ from pliant.cli.order import order
 from pliant.cli.run import adapt
 from pliant.cli.run import run as run_command
 from pliant.cli.shape import shape
-from pliant.cli.simulate import simulate
+from pliant.cli.simulate import design, simulate
 from pliant.cli.sweep import sweep
 from pliant.cli.terminal import ExampleCommand, can_be_quiet, say
-from pliant.cli.testbed import run_testbed
 from pliant.errors import PliantError
 from pliant.text import escaped
 from pliant.version import __version__

@@ -15,9 +15,9 @@ import numpy as np
 
 from pliant.identification.chamber_parameters import prefixes
 from pliant.identification.experiment import Experiment
-from pliant.identification.fit_step import fit_step
 from pliant.identification.initial_guess import free_decay
 from pliant.identification.parameters import Parameter, apply, each_joint, shared_name
+from pliant.identification.prediction import fit_step
 from pliant.identification.starts import AtRest
 from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import Model
