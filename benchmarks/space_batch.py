@@ -24,9 +24,9 @@ import pliant.batch.batch as batches
 from pliant.batch.space_lanes import lanes_last, scratch_of, shared_steps, stacked
 from pliant.batch.space_loops import LaneRows, march_in_space
 from pliant.batch.stepper import OneByOne, OnSpaceLanes
+from pliant.compiler import WIDTH
 from pliant.compiler.choose import free_twin, lane_twin
 from pliant.compiler.simd import aligned
-from pliant.compiler.width import WIDTH
 from pliant.mechanics import mechanics_of
 from pliant.model import Chamber, Model, Space
 from pliant.simulation import Pulse, march_loops

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Literal, get_args
 
 from pliant.errors import InputError, shown
 
@@ -134,7 +134,8 @@ def shown_in(unit: str) -> tuple[float, str]:
     return {"Pa": (1e-3, "kPa"), "m": (1e3, "mm")}.get(unit, (1.0, unit))
 
 
-KIND_OF = {"Pa": "pressure", "N": "tension", "m": "displacement", "rad": "angle"}  # of an input, by its SI unit
+DrivenBy = Literal["tension", "displacement", "angle"]  # of a tendon
+KIND_OF = {"Pa": "pressure", **dict(zip(("N", "m", "rad"), get_args(DrivenBy), strict=True))}  # of an input, by SI unit
 
 
 def inputs_word(kinds: Iterable[str]) -> str:

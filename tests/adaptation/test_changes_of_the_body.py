@@ -12,7 +12,7 @@ from pliant.adaptation.change import BodyChange, body_change, shift_and_scatter,
 from pliant.adaptation.posterior import Posterior, by_joint
 from pliant.errors import InputError
 from pliant.identification import Parameter
-from pliant.identification.joint_prior import JointPrior
+from pliant.identification.problem import JointPrior
 from pliant.model import chain_model
 
 JOINTS = ("stiffness_1", "stiffness_2", "stiffness_3")

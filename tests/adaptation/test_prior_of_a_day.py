@@ -25,9 +25,8 @@ from pliant.adaptation.posterior import Posterior, of_a_kind, posterior_of
 from pliant.adaptation.result import DayError, Move
 from pliant.errors import InputError
 from pliant.identification import Experiment, FitResult, Parameter
-from pliant.identification.joint_prior import JointPrior
 from pliant.identification.names import declarations
-from pliant.identification.problem import Problem
+from pliant.identification.problem import JointPrior, Problem
 from pliant.identification.residuals import correlated_frames
 from pliant.identification.uncertainty import Covariance, scatter_between
 from pliant.model import Station, Tendon, chain_model

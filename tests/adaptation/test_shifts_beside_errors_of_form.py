@@ -11,7 +11,7 @@ import pytest
 from virtual_days import NAMES, Arm, blank, identified, recorded
 
 from pliant.adaptation import adapt_model, parts_of_day, posterior_of
-from pliant.adaptation.form import mounting_of_earlier, with_error_of_form
+from pliant.adaptation.adapt import mounting_of_earlier, with_error_of_form
 from pliant.adaptation.mounting import mounting_parameters
 from pliant.errors import InputError
 from pliant.identification import FitResult, Parameter

@@ -9,7 +9,8 @@ import pytest
 from command_line import invoke
 
 from pliant.actuators import chen2018
-from pliant.batch import devices, simulate_batch
+from pliant.batch import batch as devices
+from pliant.batch import simulate_batch
 from pliant.errors import InputError
 from pliant.exporters import jax_batch, jax_rollouts
 from pliant.model import Memory, Valve, save_model

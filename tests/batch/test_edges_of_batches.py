@@ -12,8 +12,8 @@ from pliant.batch.one_by_one import expanded, sets_of
 from pliant.batch.samples import gather
 from pliant.batch.simd import Schedule
 from pliant.batch.stepper import batch_stepper
+from pliant.compiler import WIDTH
 from pliant.compiler.simd import aligned
-from pliant.compiler.width import WIDTH
 from pliant.errors import InputError
 from pliant.model import Chamber, Memory, Valve
 from pliant.simulation import Pulse, Stepper, equilibrium

@@ -13,7 +13,7 @@ from pliant.batch.one_by_one import check_names, dimensions, samples_alone, sets
 from pliant.batch.samples import gather, repeated
 from pliant.batch.simd import Groups, Schedule, constant_arrays, in_groups, outputs
 from pliant.batch.stepper import batch_stepper, pool_of
-from pliant.compiler.width import WIDTH
+from pliant.compiler import WIDTH
 from pliant.errors import InputError, SimulationError
 from pliant.identification.parameters import apply
 from pliant.mechanics import mechanics_of

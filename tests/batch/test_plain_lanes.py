@@ -10,7 +10,7 @@ from pliant.batch import simd, simd_loops, stepper
 from pliant.batch import simd as schedule
 from pliant.batch.batch import simulate_batch
 from pliant.batch.stepper import batch_stepper
-from pliant.compiler.width import WIDTH
+from pliant.compiler import WIDTH
 from pliant.equations.symbols import Joints
 from pliant.model import Valve
 from pliant.simulation import Pulse, Stepper, Trace, simulate

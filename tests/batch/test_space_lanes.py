@@ -10,7 +10,7 @@ import pytest
 
 from pliant.batch import simulate_batch
 from pliant.batch.space_lanes import check_steps_in_space, fits_lanes, shared_steps, unloaded_rest
-from pliant.compiler.width import WIDTH
+from pliant.compiler import WIDTH
 from pliant.errors import InputError, SimulationError
 from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Model, Space, Tendon, Valve, chain_model

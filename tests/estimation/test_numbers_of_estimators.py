@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy.linalg import expm, solve_discrete_are
 
 from pliant.errors import InputError
@@ -26,7 +25,6 @@ from pliant.estimation.offline import (
     standard_deviations,
     whiteness,
 )
-from pliant.estimation.release import release_of
 from pliant.estimation.symbols import FilterOutput, make_output, make_workspace
 from pliant.linear.linearisation import linearise
 from pliant.model import Extension, Memory, Station, Valve, chain_model
@@ -547,46 +545,3 @@ def test_a_smoother_waits_for_no_frames_at_lag_zero():
     assert not any(a.any() for a in room)
     work = make_workspace(BODY, 6, 3)
     assert (work.W.shape, work.H.shape, work.seen.shape, work.G.shape) == ((6, 6), (3, 2), (3,), (4,))
-
-
-# a hand that lets go
-
-
-def pulled(share, time=None, joints=(0.8, -0.4)):
-    time = 0.01 * np.arange(len(share)) if time is None else time
-    return xr.Dataset({"disturbance": (("time", "joint"), np.outer(share, joints))}, {"time": time})
-
-
-def test_a_release_is_told_by_tenths_of_the_pull():
-    share = np.concatenate([np.linspace(0, 1, 8), np.ones(60), np.linspace(1, 0, 17), np.zeros(80)])
-    share[8:10] = 3.0  # two of the six frames: the median is the pull
-    told = release_of(pulled(share))
-    np.testing.assert_allclose(told.held, [0.8, -0.4])
-    # by sixteenths from frame 68 on: 15/16 is the last above nine tenths, 7/16 the first below a half, 1/16 a tenth
-    np.testing.assert_allclose([told.begin, told.half, told.gone], [0.69, 0.77, 0.83])
-    assert told.after == 0.0
-    late = share.copy()
-    late[77 + 51 :] = 0.2
-    assert release_of(pulled(late)).after == pytest.approx(0.2)
-    last = share[: 77 + 52].copy()
-    last[-1] = 0.02  # a lone frame is later than half a second after its half
-    assert release_of(pulled(last)).after == pytest.approx(0.02)
-    two = pulled(share).rename(disturbance="disturbance_x")
-    two["disturbance_y"] = 2 * two["disturbance_x"]
-    np.testing.assert_allclose(release_of(two).held, [0.8, -0.4, 1.6, -0.8])
-    moved = pulled(np.concatenate([np.zeros(12), share]))
-    np.testing.assert_allclose(release_of(moved, start=20, frames=8).begin, 0.81)
-    for count, good in ((20, True), (19, False)):
-        short = np.where(np.arange(count) < 15, 1.0, 0.0)
-        with pytest.raises(InputError, match="still held" if good else "at least 20 frames, got 19"):
-            release_of(pulled(short))
-
-
-@pytest.mark.parametrize(("left", "clear"), [(0.49, True), (0.51, False)])
-def test_a_pull_is_twice_what_is_left_in_the_last_fifty_frames(left, clear):
-    share = np.concatenate([np.ones(60), np.full(40, 9.0), np.zeros(5), np.tile([left, -left], 25)])
-    if clear:
-        release_of(pulled(share))
-        return
-    with pytest.raises(InputError, match=r"0\.894 N m, is below 2 times that at the end, 0\.456 N m"):
-        release_of(pulled(share))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pliant.identification import Experiment, fit, identifiability, predict, predict_held_out
-from pliant.identification.fit_step import LONGEST, LONGEST_OVER_DAMPED, LONGEST_SLOW, fit_step
+from pliant.identification.prediction import LONGEST, LONGEST_OVER_DAMPED, LONGEST_SLOW, fit_step
 from pliant.model import Model, Station
 from pliant.selection import select_model
 from pliant.simulation import Trace

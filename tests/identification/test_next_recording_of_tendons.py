@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pliant.cli.design import highest_levels
+from pliant.cli.simulate import highest_levels
 from pliant.errors import InputError
 from pliant.identification import Experiment, fit
 from pliant.identification.design import Candidate, check_level, information_gain, limits_of, standard

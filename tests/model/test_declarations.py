@@ -7,6 +7,7 @@ import inspect
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Annotated, get_type_hints
 
@@ -15,11 +16,14 @@ import pytest
 
 import pliant
 from pliant.equations.law import LawParameter
+from pliant.identification.experiment import EDGES_OF
 from pliant.identification.names import declarations, families, find_path, path_of
+from pliant.identification.problem import EDGE_TIMES
 from pliant.model import Chamber, Extension, Memory, Model, Space, Station, Tendon, Valve
 from pliant.model.file import model_to_dict, read_model
 from pliant.model.parts import PARTS, declared
 from pliant.model.quantity import Quantity, declaring, quantities
+from pliant.units import KIND_OF
 
 SOURCE = Path(pliant.__file__).parent
 RECORDS = (Model, Chamber, Valve, Memory, Extension, Station, Space, Tendon)
@@ -37,11 +41,16 @@ def test_every_number_of_a_record_is_declared(record):
     assert [name for name in names if hints[name] in numeric and name not in quantities(record)] == []
 
 
+@cache
+def tree(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
 def literals(file: Path) -> Iterator[tuple[int, set[str], list[str]]]:
     """Line, words and texts beside them of each tuple, list, set or dict that is written out in a module. A dict of
     computed values is no list.
     """
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(file)):
         keys = node.keys if isinstance(node, ast.Dict) else getattr(node, "elts", [])
         values = node.values if isinstance(node, ast.Dict) else []
         if any(isinstance(part, ast.Attribute) for value in values for part in ast.walk(value)):
@@ -62,6 +71,22 @@ def test_no_second_list_of_fields_or_units():
             units = len(words & names) >= 3 and len([v for v in beside if v in UNITS]) >= 3
             if (most or units) and file not in HOMES:
                 second.append(f"{file.relative_to(SOURCE)}:{line}")
+    assert second == []
+
+
+def test_no_second_list_of_edges_excitations_or_kinds_of_inputs():
+    """Edge times and kinds of excitation stand on the experiment, kinds of inputs beside their units. A table that says
+    something further of each is none.
+    """
+    homes = {SOURCE / "identification" / "experiment.py", SOURCE / "units.py"}
+    wholes = ((EDGE_TIMES, 3), (set(EDGES_OF), 2), (set(KIND_OF.values()), 3))
+    second = []
+    for file in sorted({*SOURCE.rglob("*.py")} - homes):
+        for node in ast.walk(tree(file)):
+            entries = node.elts if isinstance(node, ast.Tuple | ast.List | ast.Set) else []
+            words = {getattr(entry, "value", None) for entry in entries}
+            if any(words <= whole and len(words) >= least for whole, least in wholes):
+                second.append(f"{file.relative_to(SOURCE)}:{node.lineno}")
     assert second == []
 
 

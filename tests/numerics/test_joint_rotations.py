@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pliant.numerics.joint_rotations import link_frames, swing_matrices, swings_along, swings_to
+from pliant.reduction.links import link_frames, swing_matrices, swings_along, swings_to
 
 
 @settings(max_examples=50)

@@ -135,7 +135,7 @@ def test_quaternions_under_wrong_names_are_listed_by_the_names_or_the_indices(tm
 def test_a_resting_station_does_not_hide_the_order_of_quaternions(order: str) -> None:
     from scipy.spatial.transform import Rotation
 
-    from pliant.preprocessing.quaternion_order import shown_order
+    from pliant.preprocessing.plausibility.shape import shown_order
 
     phase = np.linspace(0.0, 6.0, 200)
     turned = Rotation.from_rotvec(np.stack([0.4 * np.sin(2 * phase), 0.6 * np.sin(phase), 0 * phase], axis=1))

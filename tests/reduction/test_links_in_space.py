@@ -7,10 +7,9 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from pliant.numerics.curve import spatial_curve
-from pliant.numerics.joint_rotations import link_frames, swing_matrices
 from pliant.recording import make_recording
 from pliant.reduction import links_of, select_order
-from pliant.reduction.links import beside_links
+from pliant.reduction.links import beside_links, link_frames, swing_matrices
 
 S = np.linspace(0, 0.3, 121)
 TIME = np.arange(30) / 10

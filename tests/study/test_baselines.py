@@ -116,7 +116,7 @@ def test_a_map_that_cannot_be_computed_does_not_end_the_run(tmp_path: Path, monk
     def fails(_train: object) -> None:
         raise ArithmeticError("no map today")
 
-    monkeypatch.setattr("pliant.study.baselines.plain_map", fails)
+    monkeypatch.setattr("pliant.study.run.plain_map", fails)
     _, metrics = run(tmp_path)
     assert metrics["baseline"] == {}
     assert any("the plain map could not be computed: no map today" in line for line in metrics["verdict"])

@@ -15,8 +15,7 @@ from pliant.study.draft_inputs import azimuths
 from pliant.study.schema import load_study
 from pliant.testbed import space
 from pliant.testbed.bundle import FOLDER
-from pliant.testbed.space import TRACKER, Instruments, lagged, simulate_in_space
-from pliant.testbed.space_body import BodyInSpace
+from pliant.testbed.space import TRACKER, BodyInSpace, Instruments, lagged, simulate_in_space
 
 BODY, SEEN = BodyInSpace(), Instruments()
 DOWN = (TRACKER @ [0.0, 0.0, -1.0]).tolist()  # the clamp, in the tracker's axes

@@ -13,7 +13,7 @@ import typer
 from typer.testing import CliRunner
 
 import pliant.testbed
-from pliant.cli.testbed import run_testbed
+from pliant.cli.demo import run_testbed
 from pliant.errors import InputError
 from pliant.recording import check_recording, read
 from pliant.testbed import BUNDLED, SCENARIOS, Laboratory, bundled_recording, generate, generate_file, generate_set

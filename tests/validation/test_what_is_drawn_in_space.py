@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from pliant.identification import Experiment
-from pliant.numerics.joint_rotations import link_frames, swings_along
 from pliant.plotting import recording_overview
 from pliant.recording import make_recording
 from pliant.reduction import links_of, select_order
+from pliant.reduction.links import link_frames, swings_along
 from pliant.simulation import Trace
 from pliant.validation.figures import path_figure, record_figure, residual_figure
 from pliant.validation.metrics import joint_errors

@@ -12,9 +12,20 @@ import pytest
 from pliant.errors import InputError
 from pliant.testbed.camera.scene import coverage
 from pliant.video import silhouette
-from pliant.video.follow import Follower, Known, _distances, mask_of, rough_line
+from pliant.video.follow import (
+    BASIS,
+    Basis,
+    Follower,
+    Known,
+    Ribbon,
+    _distances,
+    crossing,
+    edges,
+    mask_of,
+    rough_line,
+    share,
+)
 from pliant.video.reel import Reel, even_exposure, open_reel
-from pliant.video.ribbon import BASIS, Basis, Ribbon, crossing, edges, share
 from pliant.video.silhouette import Stillness
 
 cv2 = pytest.importorskip("cv2")

@@ -11,11 +11,24 @@ import pytest
 from pliant.errors import InputError
 from pliant.recording.camera import Camera
 from pliant.video import Tracking
-from pliant.video.follow import Follower, _median, longest_run, mask_of, rough_line
+from pliant.video.follow import (
+    BASIS,
+    POINTS,
+    Follower,
+    Sampler,
+    _median,
+    crossing,
+    edges,
+    evenly,
+    longest_run,
+    mask_of,
+    normals,
+    rough_line,
+    share,
+)
 from pliant.video.marks import ChainOfDots, Dots, _markers, chain
 from pliant.video.overlay import drawn, movie, overlay
 from pliant.video.reel import Reel, open_reel
-from pliant.video.ribbon import BASIS, POINTS, Sampler, crossing, edges, evenly, normals, share
 from pliant.video.silhouette import Stillness
 from pliant.video.surroundings import Surroundings
 from pliant.video.track import _base_first, _even, _times, doubled_and_leaps, lost_in_times

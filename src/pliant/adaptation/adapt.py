@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
-from pliant.adaptation.change import BodyChange, body_change, freed, released_names
+from pliant.adaptation.change import BodyChange, body_change, freed, released_names, spaced
 from pliant.adaptation.day import DayParts, check_day, part_like
-from pliant.adaptation.form import mounting_of_earlier, with_error_of_form
 from pliant.adaptation.mounting import COMMON, COMMON_GAIN, mounting_parameters, of_mounting
 from pliant.adaptation.posterior import FROM_DAY_TO_DAY, Posterior, by_joint
 from pliant.adaptation.result import FAR, Adaptation, DayError, Move, Verdict
@@ -21,6 +20,7 @@ from pliant.identification.fit import FitResult, fit, predict_held_out
 from pliant.identification.identifiability import join_words
 from pliant.identification.parameters import Parameter
 from pliant.identification.problem import root_mean_square
+from pliant.identification.uncertainty import Covariance
 from pliant.options import with_defaults
 
 Array = np.ndarray
@@ -38,6 +38,7 @@ WORSE_REST = 1.05  # of the error on the rest of the day: a larger one refutes a
 TOLD = 0.05  # logarithm of a common factor on the gains, from which the verdict mentions it
 LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
 WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
+MOST_EARLIER = 3  # recordings of the earlier day that are fitted as the new one
 
 
 class AdaptModelOptions(TypedDict, total=False):
@@ -359,3 +360,46 @@ def or_stiffer(moves: Sequence[Move]) -> str:
         return ""
     return (f" The factor {factor:.3g} on the gains of all inputs, as of another sensor or supply, may be the inverse "
             "factor on all stiffnesses: motion without a known load shows both alike.")  # fmt: skip
+
+
+def mounting_of_earlier(
+    earlier: Callable[[], Sequence[Experiment]], fit_alike: Callable[[Experiment], FitResult],
+) -> list[dict[str, float]]:
+    """Return by how much (SI) the same fit moves the mounting in up to three recordings of the earlier day, by name."""
+    moves = []
+    for exp in spaced(earlier(), MOST_EARLIER):
+        try:
+            result = fit_alike(exp)
+        except FAILED:  # such as a recording whose first seconds hold no motion
+            continue
+        moves.append({p.name: p.value - p.prior for p in result.parameters
+                      if p.free and of_mounting(p.name) and p.value is not None and p.prior is not None})  # fmt: skip
+    return moves
+
+
+def with_error_of_form(result: FitResult, moves: Sequence[Mapping[str, float]]) -> FitResult:
+    """Return the fit of a day whose standard errors include the moves (SI) of the mounting in K earlier recordings: the
+    mean square of these moves, for another recording (1 + 1 / K) of it. No prior is left with less certainty than it
+    states.
+    """
+    covariance = result.covariance
+    if covariance is None or not moves:
+        return result
+    names = covariance.names
+    away = np.array([[m.get(n, 0.0) for n in names] for m in moves])
+    form = (1.0 + 1.0 / len(moves)) * away.T @ away / len(moves)
+    priors = {p.name: p.prior_std for p in result.parameters if p.prior_std}
+    left = np.array([priors.get(n, np.inf) for n in names]) ** 2 - np.diag(covariance.total)
+    size = np.diag(form)
+    part = np.sqrt(np.minimum(np.divide(np.maximum(left, 0.0), size, out=np.ones_like(size), where=size > 0), 1.0))
+    return with_covariance(result, covariance._replace(
+        form=(0.0 if covariance.form is None else covariance.form) + np.outer(part, part) * form))  # fmt: skip
+
+
+def with_covariance(result: FitResult, covariance: Covariance) -> FitResult:
+    """Return a fit with another covariance of its parameters, from which their standard errors follow."""
+    doubt = dict(zip(covariance.names, covariance.doubt, strict=True))
+    parameters = tuple(p.with_(std=doubt[p.name]) if p.name in doubt else p for p in result.parameters)
+    before = result.covariance.note if result.covariance else ""
+    notes = tuple(covariance.note if before and note == before else note for note in result.notes)
+    return replace(result, covariance=covariance, parameters=parameters, notes=notes)

@@ -10,9 +10,9 @@ import numpy as np
 from pliant.adaptation.mounting import COMMON_GAIN, common_gain, of_mounting
 from pliant.errors import InputError
 from pliant.identification.fit import FitResult
-from pliant.identification.joint_prior import JointPrior
 from pliant.identification.names import find_path
 from pliant.identification.parameters import OF_A_RECORD, Parameter
+from pliant.identification.problem import JointPrior
 from pliant.model import Model
 
 Array = np.ndarray

@@ -11,8 +11,7 @@ import numpy as np
 
 from pliant.errors import InputError, SimulationError
 from pliant.identification.names import find_path
-from pliant.mechanics.many import small_motions
-from pliant.mechanics.springs import springs_of
+from pliant.mechanics.springs import small_motions, springs_of
 from pliant.model import Model, Valve, fixed_length
 from pliant.model import model as model_fields
 from pliant.model.chamber import RUBBER, grown, remembering

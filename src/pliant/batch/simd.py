@@ -18,9 +18,9 @@ from pliant.batch import simd_loops
 from pliant.batch.one_by_one import march_alone
 from pliant.batch.samples import Samples
 from pliant.batch.simd_loops import Lane, Output
+from pliant.compiler import WIDTH
 from pliant.compiler.choose import lane_twin
 from pliant.compiler.simd import aligned
-from pliant.compiler.width import WIDTH
 from pliant.mechanics.springs import springs_of
 from pliant.model import Valve
 from pliant.simulation import march_loops

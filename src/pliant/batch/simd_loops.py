@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pliant.compiler import WIDTH
 from pliant.compiler.simd import as_lanes, within
-from pliant.compiler.width import WIDTH
 from pliant.equations.chain import tips
 from pliant.equations.chamber import mean_of_law, share_out
 from pliant.equations.elastic import tangent

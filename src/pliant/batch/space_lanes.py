@@ -15,9 +15,9 @@ import numpy as np
 from pliant.batch import space_loops
 from pliant.batch.samples import initial_values
 from pliant.batch.space_loops import LaneRows, LaneSteps
+from pliant.compiler import WIDTH
 from pliant.compiler.choose import lane_twin
 from pliant.compiler.simd import aligned
-from pliant.compiler.width import WIDTH
 from pliant.mechanics import Mechanics, mechanics_of
 from pliant.mechanics.spatial import SpatialChain
 from pliant.model import Model, Valve

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.batch.simd_loops import FAR, note_failures, torques_of_lanes
+from pliant.compiler import WIDTH
 from pliant.compiler.simd import as_lanes, lanes_of, within
-from pliant.compiler.width import WIDTH
 from pliant.equations.chamber import share_out
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.motion import step

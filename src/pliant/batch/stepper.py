@@ -12,9 +12,9 @@ from pliant.batch import simd_loops, space_loops
 from pliant.batch.samples import ALIKE, check_alike
 from pliant.batch.simd_loops import Commanded, Lane
 from pliant.batch.space_lanes import scratch_of
+from pliant.compiler import WIDTH
 from pliant.compiler.choose import lane_twin
 from pliant.compiler.simd import aligned
-from pliant.compiler.width import WIDTH
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import Model

@@ -11,27 +11,21 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from pliant.cli.adapt import adapt
 from pliant.cli.contact import contact
 from pliant.cli.control import control
-from pliant.cli.data import data
-from pliant.cli.demo import demo
-from pliant.cli.design import design
+from pliant.cli.demo import data, demo, run_testbed
 from pliant.cli.estimate import estimate
 from pliant.cli.export import export
-from pliant.cli.figures import figures
-from pliant.cli.inspect import inspect
+from pliant.cli.figures import figures, view
+from pliant.cli.inspect import inspect, sync, track
 from pliant.cli.new import new
 from pliant.cli.order import order
+from pliant.cli.run import adapt
 from pliant.cli.run import run as run_command
 from pliant.cli.shape import shape
-from pliant.cli.simulate import simulate
+from pliant.cli.simulate import design, simulate
 from pliant.cli.sweep import sweep
-from pliant.cli.sync import sync
 from pliant.cli.terminal import ExampleCommand, can_be_quiet, say
-from pliant.cli.testbed import run_testbed
-from pliant.cli.track import track
-from pliant.cli.view import view
 from pliant.errors import PliantError
 from pliant.text import escaped
 from pliant.version import __version__

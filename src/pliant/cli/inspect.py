@@ -1,4 +1,4 @@
-"""`pliant inspect`: show the content and the quality of a recording."""
+"""`pliant inspect`, `pliant track` and `pliant sync`: check a recording, make it from a video, set its clocks."""
 
 from __future__ import annotations
 
@@ -13,6 +13,10 @@ from pliant.text import escaped
 
 if TYPE_CHECKING:
     import xarray as xr
+from dataclasses import asdict
+
+from pliant.cli.reading import vector
+from pliant.cli.terminal import in_unit
 
 
 def inspect(
@@ -86,3 +90,96 @@ def plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [plain(v) for v in value]
     return None if isinstance(value, float) and value != value else value  # noqa: PLR0124  NaN is not itself
+
+
+def track(
+    video: Annotated[Path, typer.Argument(help="Video of the body, in any format that OpenCV reads.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write (.nc or .csv).")],
+    camera: Annotated[Path, typer.Option(help="TOML file with a [camera] table (scale, view, lens), such as a study.")],
+    method: Annotated[str, typer.Option(help="silhouette, dots or aruco.")] = "silhouette",
+    colour: Annotated[str | None, typer.Option(help="Colour of the dots, '#rrggbb'.")] = None,
+    base: Annotated[str | None, typer.Option(help="Position of the base, 'x,y' in pixels; default: detected.")] = None,
+    overlay: Annotated[list[Path] | None, typer.Option(help="Picture of the shape over some frames (.png), or video "
+                                                      "over all (.mp4); may be given twice.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the processing steps as JSON.")] = False,
+) -> None:
+    """Track a bending body in a video: its silhouette, dots of one colour, or ArUco markers.
+
+    Example: pliant track push.mp4 -o push.nc --camera camera.toml --overlay push.png
+    """
+    from pliant.cli.terminal import counting
+    from pliant.errors import InputError
+    from pliant.files import read_entries
+    from pliant.recording import write
+    from pliant.recording.schema import history_of
+    from pliant.video import Tracking, track_video
+
+    entries = read_entries(camera, "camera")
+    options = entries.pop("tracking", {})
+    if not isinstance(options, dict):
+        raise InputError(f"[tracking] of {camera} must be a table with count, region and incomplete")
+    if unknown := sorted(set(options) - {"count", "region", "incomplete"}):
+        raise InputError(f"[tracking] of {camera} has the unknown entry {unknown[0]}: use count, region or incomplete")
+    if output.suffix.lower() not in (".nc", ".nc4", ".csv"):
+        raise InputError(f"the name of the recording must end in .nc or .csv, got {output.name!r}")
+    base_point = None if base is None else tuple(
+        vector(base, 2, f"--base must be two numbers of pixels, 'x,y', got {base!r}"))  # fmt: skip
+    how = Tracking(method, base_point, colour, overlays=tuple(overlay or ()), **options)  # type: ignore[arg-type]
+    with counting(f"tracking the body in {video.name}") as progress:
+        recording = track_video(video, entries.get("camera", entries), how, progress=progress)
+    write(recording, output)
+    written = [str(p) for p in (output, *how.overlays)]
+    history = history_of(recording)
+    answer({"history": history, "written": written}, "\n".join([*history, *(f"wrote {p}" for p in written)]),
+           as_json=json)
+
+
+def sync(
+    shape: Annotated[Path, typer.Argument(help="Recording of the shape.")],
+    pressure: Annotated[
+        Path | None, typer.Argument(help="Log of the pressure; default: the inputs in the shape's file.")
+    ] = None,
+    mapping: Annotated[Path | None, typer.Option(help="TOML file that describes the shape's columns.")] = None,
+    pressure_mapping: Annotated[
+        Path | None, typer.Option("--pressure-mapping", help="TOML file that describes the log's columns.")
+    ] = None,
+    largest_s: Annotated[
+        float | None, typer.Option("--largest-s", parser=in_unit("s"),
+                                   help="Largest offset to try, s; default: half of the overlap.")
+    ] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Joined recording to write (.nc).")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure of the clocks (.png, .svg or .pdf).")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Estimate the offset between the clocks of a pressure log and a recorded shape by comparing pressure and motion.
+
+    Example: pliant sync points.csv log.csv --pressure-mapping log.toml --figure clocks.png
+    """
+    from pliant.cli.output import write_figure
+    from pliant.cli.reading import read_with_mapping
+    from pliant.cli.terminal import busy
+    from pliant.preprocessing.sync import shift_pressure
+    from pliant.preprocessing.sync import sync as find
+    from pliant.recording import write
+    from pliant.study.aligned import with_pressure
+
+    recording = read_with_mapping(shape, mapping)
+    if pressure is not None:
+        recording = with_pressure(recording, read_with_mapping(pressure, pressure_mapping), shape.stem, pressure.name)
+    with busy("comparing the clocks"):
+        offset = find(recording, largest_s=largest_s, drift=True)
+    if figure is not None:
+        from pliant.plotting import clock_figure
+        from pliant.validation.outcome import Clocks
+
+        c = Clocks.of(recording, offset)
+        title = f"the {offset.input}'s clock is moved by {1e3 * c.delay:+.1f} ± {1e3 * offset.uncertainty_s:.1f} ms"
+        write_figure(clock_figure(c.time, c.motion, c.clock, c.pressure, c.delay, c.drift, title, offset.input),
+                     figure)  # fmt: skip
+    if output is not None:
+        write(shift_pressure(recording, offset.delay_s, offset.drift), output)
+    answer(
+        asdict(offset),
+        f'{offset.summary()}\nin a study: clock = {offset.delay_s:.4f}, or clock = "align"',
+        as_json=json,
+    )

@@ -34,7 +34,7 @@ def sweep(
 
     Example: pliant sweep sweep.toml --model results/arm/model.json -o results/sweep --figure spread.png
     """
-    from pliant.batch.devices import DEVICES
+    from pliant.batch.batch import DEVICES
     from pliant.cli.output import aligned, write_figure
     from pliant.cli.terminal import busy, counting, mention
     from pliant.sweep.sweep import run_sweep

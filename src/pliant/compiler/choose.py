@@ -42,7 +42,7 @@ MOST_LINKS = 12  # of a dense kernel: beyond, articulated bodies are faster, and
 STRAIGHT_LINKS = 64  # straight-line code of as many articulated bodies compiles in about 2 s
 SOURCES = (  # files that transform the text of kernels
     trace.__file__, trig.__file__,
-    *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "simd", "width", "dual_numbers", "duals")),
+    *(str(Path(__file__).with_name(f"{name}.py")) for name in ("llvm", "simd", "__init__", "dual_numbers", "duals")),
 )
 # Not the steps in the plane, so that batches and single simulations give the same bits.
 FUSED: set[Any] = {motion.acceleration, motion.acceleration_jacobian, spatial.step, spatial.build_step,

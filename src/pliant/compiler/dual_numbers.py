@@ -24,9 +24,9 @@ from numba.extending import (
     type_callable,
 )
 
+from pliant.compiler import SLOTS
 from pliant.compiler.llvm import filled
 from pliant.compiler.simd import NUMBERS, Wide, vector
-from pliant.compiler.width import SLOTS
 from pliant.numerics.trig import cos_sin
 
 _CONTRACT = ("contract",)  # LLVM may fuse the multiplications and additions of derivatives

@@ -15,10 +15,10 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic, register_jitable
 
+from pliant.compiler import SLOTS, WIDTH
 from pliant.compiler.cache import kept
 from pliant.compiler.dual_numbers import dual, joined, parts
 from pliant.compiler.simd import aligned, borrowed, rows_as_numbers, vector
-from pliant.compiler.width import SLOTS, WIDTH
 
 __all__ = ["CARRYING", "SLOTS", "WIDTH", "duals", "from_floats"]
 Array = np.ndarray

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
+from pliant.compiler import SLOTS, WIDTH
 from pliant.compiler.trace import KernelProgram, Mark, record
-from pliant.compiler.width import SLOTS, WIDTH
 from pliant.numerics.trig import cos_sin
 
 FLOATS = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}

@@ -28,8 +28,8 @@ from numba.extending import (
     type_callable,
 )
 
+from pliant.compiler import WIDTH
 from pliant.compiler.llvm import declared, filled
-from pliant.compiler.width import WIDTH
 from pliant.numerics.trig import cos_sin
 
 _ALIGN = 8 * WIDTH  # bytes

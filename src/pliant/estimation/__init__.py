@@ -10,9 +10,8 @@ from pliant.estimation.link_angles import LinkAngles, calibrated
 from pliant.estimation.measurement import rows_of
 from pliant.estimation.noise import Noise, default_noise
 from pliant.estimation.offline import estimate
-from pliant.estimation.release import release_of
 
 __all__ = [
     "AdaptiveObserver", "Differences", "Estimator", "EstimatorKind", "Frame", "KalmanFilter", "LinkAngles", "Noise",
-    "Setting", "State", "calibrated", "default_noise", "estimate", "estimators", "frozen", "release_of", "rows_of",
+    "Setting", "State", "calibrated", "default_noise", "estimate", "estimators", "frozen", "rows_of",
 ]

@@ -186,7 +186,7 @@ def chamber_kinds(chambers: tuple[ActuationInput, ...]) -> tuple[Any, ...]:
 def sources(model: Model) -> list[str]:
     """Return the files of `jax_source` that a model needs, in the order in which they are joined."""
     body, cords, past = (file if named(model, keys) else other for keys, file, other in CHOICES)
-    return ["structure", "numerics", "springs", body, "inputs", "beginning", cords, past, "motion"]
+    return ["structure", "numerics", "springs", body, "inputs", cords, past, "motion"]
 
 
 def stripped(name: str) -> str:

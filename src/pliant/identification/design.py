@@ -245,7 +245,7 @@ def information_gain(
     inputs = course if len(course) > 1 else course[0]
     motion = simulate(model, inputs, times=times, time_step=min(time_step, interval), check=False)["station_position"]
     position = motion.sel(station=list(like.stations)).values
-    nominal = like.excitation in ("pulse", "step") and isinstance(candidate.pressure, Pulse)
+    nominal = like.nominal and isinstance(candidate.pressure, Pulse)
     trace = None if nominal else sampled(candidate)
     drives = {} if trace is None or len(course) == 1 else dict.fromkeys(driven, trace)
     further = {name: rows._replace(values=np.zeros((times.size, *rows.values.shape[1:])))

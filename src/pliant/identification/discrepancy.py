@@ -86,7 +86,7 @@ def training_levels(model: Model, training: Sequence[Experiment]) -> Array:
     levels = {0.0}
     for e in training if highest > 0 else ():
         if e.pressure is None:
-            levels |= {e.level} if e.excitation in ("pulse", "step") else set()
+            levels |= {e.level} if e.nominal else set()
             continue
         time = np.arange(e.time[0], e.time[-1], 0.1 * period)
         p = e.pressure(time)

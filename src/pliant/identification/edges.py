@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.identification.experiment import Experiment
+from pliant.identification.experiment import EDGES_OF, Experiment
 
 Array = np.ndarray
-EDGES = ("start", "stop")  # of a pressure: parameters of a recording
+EDGES = EDGES_OF["pulse"]  # of a pressure
 HELD_S = 0.05  # s before a release over which the held pose is averaged (median)
 STILL = 0.03  # of the peak displacement: smaller displacements count as no motion
 SURE = 4.0  # standard deviations of the noise that must be smaller than STILL for the threshold method
@@ -35,7 +35,7 @@ def edges(exp: Experiment) -> dict[str, float]:
     3 %, the start is that of the parabola that fits the rise best (`onset_in_noise`), and the plateau ends where the
     fall exceeds the noise.
     """
-    if exp.excitation == "trace":
+    if not (names := EDGES_OF[exp.excitation]):
         return {}
     t, sigma = exp.time, noise_of(exp)
     noisy = sigma > STILL / SURE * exp.travel
@@ -46,8 +46,8 @@ def edges(exp: Experiment) -> dict[str, float]:
     else:
         still = np.flatnonzero(u[:first] < STILL * exp.travel)
         onset = float(t[still[-1]] if still.size else t[0])
-    if exp.excitation in ("step", "release"):
-        return {"start" if exp.excitation == "step" else "release": onset}
+    if len(names) == 1:
+        return {names[0]: onset}
     u = smoothed(u) if noisy else u
     last = int(u.size - 1 - np.argmax(u[::-1] > 0.5 * exp.travel))
     high = u[last - max(3, u.size // 100) : last].max() * (1.0 - STILL)

@@ -23,6 +23,9 @@ from pliant.simulation.forces import PointForce, checked
 Array = np.ndarray
 FIRST_FRAMES = 5  # frames of a body at rest, whose median is the first position
 Excitation = Literal["trace", "pulse", "step", "release"]
+EDGES_OF: dict[Excitation, tuple[str, ...]] = {  # edge times, which are parameters of a recording
+    "trace": (), "pulse": ("start", "stop"), "step": ("start",), "release": ("release",),
+}
 AngleReference = Literal["rest", "base", "joint", ""]
 
 
@@ -370,8 +373,12 @@ class Experiment(Shown):
         """Return the names of this recording's edge-time parameters, such as ``name.start``, which no other recording
         shares.
         """
-        names = {"trace": (), "pulse": ("start", "stop"), "step": ("start",), "release": ("release",)}[self.excitation]
-        return tuple(f"{self.name}.{n}" for n in names)
+        return tuple(f"{self.name}.{n}" for n in EDGES_OF[self.excitation])
+
+    @property
+    def nominal(self) -> bool:
+        """Return whether the pressure was not recorded, but is a pulse or step to the stated `level`."""
+        return "start" in EDGES_OF[self.excitation]
 
 
 def variable_alone(exp: Experiment) -> str:

@@ -72,7 +72,7 @@ def check_excitation(exp: Any) -> None:
             f"experiment {exp.name} has {inputs}, and excitation {exp.excitation!r}: set excitation to 'trace' if, and "
             "only if, you give a measured pressure"
         )
-    if exp.excitation in ("pulse", "step") and not exp.level > 0:
+    if exp.nominal and not exp.level > 0:
         raise InputError(f"experiment {exp.name}: a {exp.excitation} needs its nominal level in Pa, got {exp.level}")
 
 

@@ -14,16 +14,14 @@ from pliant.identification.chamber_parameters import held_gains
 from pliant.identification.drives import at_rest, hardly_driven
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
-from pliant.identification.fit_step import LONGEST, fit_step
 from pliant.identification.forward_model import held_note
 from pliant.identification.identifiability import combinations, examine
-from pliant.identification.joint_prior import JointPrior
 from pliant.identification.nested import excess_phrase, inside, warm_start
 from pliant.identification.observation import check_direction
 from pliant.identification.optimise import solve, solve_all
 from pliant.identification.parameters import Parameter, apply, for_record, shared_name, values_of
-from pliant.identification.prediction import predict
-from pliant.identification.problem import Problem, root_mean_square, scattered
+from pliant.identification.prediction import LONGEST, fit_step, predict
+from pliant.identification.problem import JointPrior, Problem, root_mean_square, scattered
 from pliant.identification.residuals import WEIGHTINGS, noise_ratio
 from pliant.identification.result import FitResult, cautions, far_off, parameter_dict, status_sentence, stopped_at
 from pliant.identification.start_search import independent_start, searched

@@ -12,11 +12,11 @@ from pliant.display import Card, Shown
 from pliant.errors import PliantError
 from pliant.identification.drives import findings_of_chambers
 from pliant.identification.experiment import Experiment
-from pliant.identification.fit_step import fit_step
 from pliant.identification.initial_guess import prepare
 from pliant.identification.names import path_of
 from pliant.identification.parameters import Parameter, kind_of, shared_name, values_of
 from pliant.identification.part_parameters import RATIOS
+from pliant.identification.prediction import fit_step
 from pliant.identification.problem import Problem
 from pliant.identification.uncertainty import HIDDEN, Covariance
 from pliant.model import Model

@@ -10,9 +10,9 @@ import numpy as np
 
 from pliant.display import Card, Shown
 from pliant.identification.experiment import Experiment
-from pliant.identification.fit_step import LONGEST
 from pliant.identification.names import stem_of
 from pliant.identification.parameters import Parameter, values_of
+from pliant.identification.prediction import LONGEST
 from pliant.identification.uncertainty import Covariance
 from pliant.model import Model
 from pliant.plain import plain

@@ -127,10 +127,6 @@ class LinearModel:
         values = np.linalg.eigvals(self.A)
         return values[np.argsort(np.abs(values))]
 
-    def zeros(self, output: str, chamber: int = 0) -> Array:
-        """Return the finite transmission zeros [1/s] from a commanded pressure to one output, slowest first."""
-        return transmission_zeros(self.A, self.B[:, chamber], self.row(output))
-
     def static_gain(self, output: str, chamber: int = 0) -> float:
         """Return the static gain from a commanded pressure to an output, in units of the output per Pa."""
         return float(-self.row(output) @ np.linalg.solve(self.A, self.B[:, chamber]))
@@ -165,7 +161,7 @@ def linearise(model: Model, pressure: float | Float[Array, " C"] = 0.0) -> Linea
     >>> import pliant
     >>> arm = pliant.chain_model(length=0.17, mass=0.069, mass_at="tip", stiffness=1.6, damping=8e-3, torque=[6.7e-7])
     >>> linear = pliant.linearise(arm, pressure=0.0)  # doctest: +SKIP
-    >>> linear.zeros("angle_sum")  # doctest: +SKIP
+    >>> linear.poles()  # doctest: +SKIP
 
     Examples
     --------
@@ -264,26 +260,3 @@ def output_rows(model: Model, x: Array, states: int) -> tuple[Array, tuple[str, 
     C[2, n - 1] = 1.0
     C[3:, :N] = chain.to_joints
     return C, ("tip_x", "tip_y", "angle_sum", *chain.joint_names)
-
-
-def transmission_zeros(A: Array, B: Array, c: Array) -> Array:
-    """Return the finite zeros [1/s] of the transfer function c (s - A)^{-1} B, slowest first."""
-    from scipy.linalg import eig, matrix_balance  # generalised eigenvalues of the balanced system pencil
-
-    balanced, (scale, order) = matrix_balance(A, permute=False, separate=True)
-    del order
-    b, row = B / scale, c * scale
-    N = A.shape[0]
-    size = max(float(np.abs(balanced).max()), 1e-300)
-    pencil = np.zeros((N + 1, N + 1))
-    pencil[:N, :N] = balanced
-    pencil[:N, N] = b / np.abs(b).max() * size
-    pencil[N, :N] = row / np.abs(row).max() * size
-    mass = np.zeros_like(pencil)
-    mass[:N, :N] = np.eye(N)
-    alpha, beta = eig(pencil, mass, right=False, homogeneous_eigvals=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        values = alpha / beta
-    fastest = 1e3 * np.abs(np.linalg.eigvals(A)).max()
-    values = values[np.isfinite(values) & (np.abs(values) < fastest)]
-    return values[np.argsort(np.abs(values))]

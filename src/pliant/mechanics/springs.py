@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from pliant.equations import inertia
 from pliant.equations.elastic import TERMS, spring_slope, spring_torque
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import SimulationError
@@ -279,3 +280,29 @@ def softened_segment(model: Model, strain: Array, least: float = 0.0) -> str:
         f"{strain[int(lost[0])]:.4g}, beyond what its stiffening describes: lower the pressure or the size of the "
         "stiffening"
     )
+
+
+def small_motions(
+    constants: tuple[Array, Array, Array], gravity: Array, springs: Springs, q: Array, phi: Array,
+) -> tuple[Array, Array]:
+    """Return the inertia and stiffness matrices (N, n, n), in joint angles, of N planar chains of n links for small
+    motions about given shapes.
+
+    Parameters
+    ----------
+    constants : arrays (n, n, N), (n, N), (n, N)
+        The results of `model.inertia.inertia_constants`.
+    gravity : array (2, N)
+        Gravity in the base frame, m/s^2.
+    q, phi : array (n, N)
+        Joint angles and absolute link angles, rad.
+    """
+    B, rotary, h = constants
+    c, s = np.cos(phi), np.sin(phi)
+    X, M = np.empty_like(B), np.empty_like(B)
+    inertia.inertia_absolute(c, s, B, rotary, X)
+    inertia.to_joint_angles(X, M)
+    n = len(q)
+    tail = np.cumsum((h * (gravity[1] * c - gravity[0] * s))[::-1], axis=0)[::-1]
+    stiffness = springs.slope(q) * np.eye(n)[..., None] + tail[np.maximum.outer(np.arange(n), np.arange(n))]
+    return np.moveaxis(M, -1, 0), np.moveaxis(stiffness, -1, 0)

@@ -21,9 +21,10 @@ from pliant.model.parameters import MassAt, ModelParameters, Station
 from pliant.model.quantity import quantities
 from pliant.model.space import Space
 from pliant.model.tables import Table, TableLayout, fields_of
-from pliant.model.tendon import DrivenBy, Tendon
+from pliant.model.tendon import Tendon
 from pliant.model.valve import Valve
 from pliant.plain import plain
+from pliant.units import DrivenBy
 
 SCHEMA: Literal["pliant-model"] = "pliant-model"
 SCHEMA_VERSION: Literal[1] = 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, get_args
 
 import numpy as np
 
@@ -13,10 +13,10 @@ from pliant.model.chamber import Chamber
 from pliant.model.checks import check_numbers
 from pliant.model.quantity import Quantity, declaring, quantities
 from pliant.model.valve import Valve, check_valve
+from pliant.units import KIND_OF, DrivenBy
 
 Array = np.ndarray
-DrivenBy = Literal["tension", "displacement", "angle"]
-DRIVEN: dict[str, str] = {"tension": "N", "displacement": "m", "angle": "rad"}  # of inputs
+DRIVEN = {kind: unit for unit, kind in KIND_OF.items() if kind in get_args(DrivenBy)}
 
 
 @declaring

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import Field
@@ -10,7 +10,7 @@ from pydantic import Field
 from pliant.errors import InputError, inside
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.schema import make_recording
-from pliant.units import PASCAL, metre_per, newton_per, pascal_per, radian_per
+from pliant.units import PASCAL, DrivenBy, metre_per, newton_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -74,7 +74,7 @@ class ArrayMapping(FileMapping):
     order: str = Field(default="tsa", pattern="^(tsa|tas|sta|sat|ats|ast)$")
     trial: int | None = Field(default=None, ge=0)
     actuation: str | None = None
-    input_kind: Literal["tension", "displacement", "angle"] | None = None
+    input_kind: DrivenBy | None = None
     input_unit: str | None = None
     input_names: list[str] | None = None
 

@@ -16,7 +16,7 @@ from pliant.recording.clock import SECONDS
 from pliant.recording.column_names import COUNTERS, parted
 from pliant.recording.inclination import InclinationMapping
 from pliant.recording.mapping import FileMapping, shorten
-from pliant.units import metre_per, pascal_per, radian_per
+from pliant.units import DrivenBy, metre_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -109,7 +109,7 @@ class InputColumns(FileMapping):
     """
 
     columns: list[Column] = Field(min_length=1)
-    kind: Literal["tension", "displacement", "angle"]
+    kind: DrivenBy
     unit: str
     names: list[str] | None = None
     scale: float | list[float] = 1.0

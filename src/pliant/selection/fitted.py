@@ -13,10 +13,10 @@ import numpy as np
 from pliant.errors import FitError
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import finished
-from pliant.identification.fit_step import fit_step
 from pliant.identification.initial_guess import prepare
 from pliant.identification.optimise import solve
 from pliant.identification.parameters import Parameter, apply
+from pliant.identification.prediction import fit_step
 from pliant.identification.problem import Problem
 from pliant.identification.residuals import Observations
 from pliant.identification.uncertainty import Covariance, covariance

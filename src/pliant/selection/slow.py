@@ -15,10 +15,9 @@ import numpy as np
 
 from pliant.identification.chamber_parameters import prefixes
 from pliant.identification.experiment import Experiment
-from pliant.identification.fit_step import fit_step
 from pliant.identification.initial_guess import free_decay
-from pliant.identification.lagged_inputs import behind_lags
 from pliant.identification.parameters import Parameter, apply, each_joint, shared_name
+from pliant.identification.prediction import fit_step
 from pliant.identification.starts import AtRest
 from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import Model
@@ -27,6 +26,7 @@ from pliant.selection.first_model import Entry, beginning, first_mode, least_sti
 from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.terms import Term
 from pliant.simulation import Pulse, Trace
+from pliant.simulation.drive import behind_lags
 
 Array = np.ndarray
 CONSTANTS, RINGS = 20, 10  # time constants, and frequencies of a damped oscillation, that are tried

@@ -17,8 +17,8 @@ from pliant.errors import FitError, PliantError
 from pliant.identification.drives import findings_of_chambers
 from pliant.identification.experiment import Experiment
 from pliant.identification.fit import fit
-from pliant.identification.fit_step import STEPS_A_FRAME, fit_step
 from pliant.identification.parameters import shared_name
+from pliant.identification.prediction import STEPS_A_FRAME, fit_step
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.selection.first_model import Entry, beginning, edge_limits, edge_times, name_of

@@ -315,7 +315,7 @@ def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
         names = [f"{start}valve_rise_time", f"{start}valve_fall_time"]
         yield term("lag", start, [Parameter(n, 0.02) for n in names], dict.fromkeys(names, 0.0))
     if slow:
-        yield from regulators([e for e in driven if e.excitation in ("pulse", "step")])
+        yield from regulators([e for e in driven if e.nominal])
         yield branch("settle", "", "valve_settle_share", "valve_settle_time", (0.3, 1.0, 3.0))
     if any(e.excitation == "trace" for e in driven):
         yield term("clock", "", [Parameter("start", 0.0)], {"start": 0.0})
@@ -337,7 +337,7 @@ def regulators(nominal: Sequence[Experiment]) -> Iterator[Term]:
 
 def levels(experiments: Sequence[Experiment]) -> int:
     """Return how many highest inputs, which differ by more than 10 %, the driven recordings have."""
-    highest = sorted(abs(e.level) if e.excitation in ("pulse", "step") else
+    highest = sorted(abs(e.level) if e.nominal else
                max((abs(t.peak) for t in e.traces.values()), default=0.0)
                for e in experiments if e.excitation != "release")  # fmt: skip
     return sum(value > 1.1 * below for below, value in pairwise([0.0, *highest]))
@@ -355,7 +355,7 @@ def shows_curvature(chamber: ActuationInput, driven: Sequence[Experiment]) -> bo
     """
     values = [np.abs(trace(e.time[np.isfinite(e.compared).any(axis=(1, 2))]))
               for e in driven if (trace := e.driving(chamber.name)) is not None]  # fmt: skip
-    values += [np.array([0.0, abs(e.level)]) for e in driven if e.excitation in ("pulse", "step")]
+    values += [np.array([0.0, abs(e.level)]) for e in driven if e.nominal]
     highest = max((v.max(initial=0.0) for v in values), default=0.0)
     return highest > 0.0 and min(float(v.min(initial=np.inf)) for v in values) <= WIDE * highest
 

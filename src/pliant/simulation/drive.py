@@ -17,6 +17,8 @@ from pliant.equations.symbols import Interval
 from pliant.errors import InputError, SimulationError
 from pliant.mechanics import mechanics_of
 from pliant.model import ActuationInput, Model, Valve
+from pliant.numerics.ridge import lagged
+from pliant.shapes import Float
 from pliant.simulation.chamber_course import (
     Intervals,
     delivered,
@@ -35,6 +37,7 @@ _GAUSS = 0.5 / np.sqrt(3.0)
 LONGEST = 1e8  # steps in one simulation: more do not fit into memory
 _SAME = 1e-9  # of a step: times closer than this are equal but for rounding
 _FINER = 0.5 ** np.arange(5, 0, -1)  # where the first step after a jump is divided: at 1/32, 1/16 ... 1/2 of it
+SAME_TIME = 1e-9  # s
 
 
 class Drive(NamedTuple):
@@ -395,3 +398,25 @@ def too_fast(after: float, length: float, given_way: str = "") -> SimulationErro
         "follow; use a shorter step or a smaller pressure"
     )
     return SimulationError(f"{after:.6g} s after the start {reason}")
+
+
+def behind_lags(
+    time: Float[Array, " T"], sources: Sequence[Input], time_constants: Sequence[complex],
+) -> list[Float[Array, "T C"]]:
+    """Return C inputs behind first-order lags at T frames, an array (T, C) for each time constant [s].
+
+    The lags begin in equilibrium with the inputs of the first time. A complex time constant -1/p is that of one pole p
+    of a damped oscillation, and gives complex values.
+    """
+    nodes, rows = instants(time, sources)
+    pieces = np.stack([commanded(source, nodes, 0.0) for source in sources], axis=2)
+    return [lagged(nodes, pieces[:, 0], pieces[:, 2], constant)[rows] for constant in time_constants]
+
+
+def instants(time: Array, sources: Sequence[Input]) -> tuple[Array, Array]:
+    """Return the times (N,) [s] of all frames and of the inputs' kinks until the last frame, and the indices (T,) of
+    the T frames among them.
+    """
+    kinks = np.unique(np.concatenate([source.breakpoints for source in sources]))
+    nodes = merge(np.concatenate([kinks[kinks < time[0] - SAME_TIME], time]), kinks, SAME_TIME)
+    return nodes, np.searchsorted(nodes, time)

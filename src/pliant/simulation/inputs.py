@@ -6,7 +6,6 @@ kinks), so that a simulation can integrate exactly across these times.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -259,42 +258,3 @@ class Chirp:
         s = np.asarray(t, dtype=float) - self.start
         phase = 2 * np.pi * (self.f0 * s + 0.5 * (self.f1 - self.f0) / self.duration * s**2)
         return np.where((s >= 0) & (s < self.duration), self.offset + self.amplitude * np.sin(phase), 0.0)
-
-
-@dataclass(frozen=True)
-class Multisine:
-    """A sum of sines: `offset` [Pa] + sines of equal `amplitude` [Pa] at `frequencies` [Hz].
-
-    Schroeder phases give a low crest factor. The pressure is zero before `start` [s].
-
-    Raises
-    ------
-    InputError
-        When a number is not finite, or a frequency is not positive.
-    """
-
-    amplitude: float
-    offset: float
-    frequencies: Sequence[float]
-    start: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check("multisine", amplitude=self.amplitude, offset=self.offset, start=self.start)
-        if len(self.frequencies) == 0 or not np.all(np.isfinite(self.frequencies) & (np.asarray(self.frequencies) > 0)):
-            raise InputError(f"a multisine needs positive frequencies in Hz, got {self.frequencies!r:.80}")
-
-    @property
-    def jumps(self) -> Array:
-        return np.array([self.start])
-
-    @property
-    def breakpoints(self) -> Array:
-        return self.jumps
-
-    def __call__(self, t: Any) -> Array:
-        s = np.asarray(t, dtype=float) - self.start
-        total = np.full(s.shape, self.offset)
-        for k, frequency in enumerate(self.frequencies):
-            schroeder = -np.pi * k * (k + 1) / len(self.frequencies)
-            total = total + self.amplitude * np.sin(2 * np.pi * frequency * s + schroeder)
-        return np.where(s >= 0, total, 0.0)

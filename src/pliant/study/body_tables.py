@@ -14,7 +14,7 @@ from pliant.model import Chamber, Extension, Memory, Space, Station, Tendon, Val
 from pliant.model.chamber import FIELDS
 from pliant.model.parameters import MassAt, ModelParameters
 from pliant.model.tables import Table, TableLayout, fields_of
-from pliant.model.tendon import DrivenBy
+from pliant.units import DrivenBy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

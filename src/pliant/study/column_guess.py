@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pliant.errors import InputError, shown
-from pliant.preprocessing.quaternion_order import ORDERS, shown_order
+from pliant.preprocessing.plausibility.shape import ORDERS, shown_order
 from pliant.recording.clock import SECONDS
 from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, parted_clock, unit_of, words_of
 from pliant.recording.inclination import hanging

@@ -9,12 +9,12 @@ import numpy as np
 
 from pliant.preprocessing.align import without_unseen
 from pliant.preprocessing.quality import standing_stations
+from pliant.preprocessing.rest import nearest_rest
 from pliant.recording.typed_steps import held_sentences
 from pliant.study.column_guess import TableGuess
 from pliant.study.draft_inputs import channels
 from pliant.study.inspected import DIVIDED, LATER, Inspected
 from pliant.study.kinds import Kind, TrialOfDraft
-from pliant.study.later_rest import nearest_rest
 from pliant.study.shorthand import OPEN
 from pliant.study.toml_text import Lines, key, relative
 from pliant.study.trial import Trial

@@ -40,8 +40,8 @@ def check_forecasts(study: Study, experiments: Mapping[str, Experiment]) -> None
     has no such input.
     """
     for name, entry in study.forecasts.items():
-        excitation = experiments[entry.like].excitation
-        if entry.level is not None and excitation not in ("pulse", "step"):
+        like, excitation = experiments[entry.like], experiments[entry.like].excitation
+        if entry.level is not None and not like.nominal:
             driven = ", ".join(f"{c.name} = ..." for c in study.actuator.chambers) or "chamber = ..."
             raise InputError(
                 f"forecast {name}: level needs a recording of a pulse or a step, but {entry.like!r} is a {excitation}"
@@ -213,7 +213,7 @@ def inputs_of(exp: Experiment) -> dict[str, Array]:
         return {name: np.asarray(trace(exp.time)) for name, trace in exp.drives.items()}
     if exp.pressure is not None:
         return {"": np.asarray(exp.pressure(exp.time))}
-    return {"": np.array([exp.level])} if exp.excitation in ("pulse", "step") else {}
+    return {"": np.array([exp.level])} if exp.nominal else {}
 
 
 def range_of(rows: Sequence[Array]) -> tuple[float, float]:

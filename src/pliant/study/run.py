@@ -21,15 +21,16 @@ from pliant.failures import FAILED, Failures, NotComputed, fit_failure
 from pliant.files import output_folder, replaced_together, write_text
 from pliant.identification import Experiment
 from pliant.identification.design import Design, design
-from pliant.identification.drives import at_rest
+from pliant.identification.drives import at_rest, driving
 from pliant.identification.starts import start_note
 from pliant.model import Model, save_model
 from pliant.preprocessing.side import alignment_of
+from pliant.recording.inputs import recorded_inputs
 from pliant.selection import ModelSelection
 from pliant.selection.saved import SearchFile
+from pliant.simulation import Trace
 from pliant.study.aligned import Aligned
 from pliant.study.another_day import run_days, signs_of
-from pliant.study.baselines import with_baselines
 from pliant.study.body import reduced_recording, study_model, with_azimuths
 from pliant.study.body_tables import ActuatorEntry
 from pliant.study.dense import link_experiment, shape_of
@@ -46,10 +47,12 @@ from pliant.study.prepare import (
     without,
     without_motion,
 )
-from pliant.study.schema import Study
+from pliant.study.schema import Fit, SelectionEntry, Study
 from pliant.study.verdict import headline, verdict
 from pliant.study.wiring import compare_wirings, wiring_warnings
+from pliant.validation.baseline import Mapped, mapped, with_baseline
 from pliant.validation.outcome import Clocks, FitOutcome, Shape, StudyOutcome, in_recorded_axes
+from pliant.validation.plain_map import PlainMap, plain_map
 from pliant.validation.store import save_results
 from pliant.version import __version__
 
@@ -346,3 +349,47 @@ def design_study(
         fitted = run_fit(study, name, ready.experiments, model, notify, {})
     train = [r.experiment for r in fitted.records if r.role == "train"]
     return design(fitted.result, train, highest=highest, criterion=criterion)
+
+
+def with_baselines(
+    study: Study, fits: Sequence[FitOutcome], experiments: Mapping[str, Experiment], bodies: Mapping[str, xr.Dataset],
+    notify: Callable[[str], None],
+) -> tuple[FitOutcome, ...]:
+    """Return the fits, each with the predictions of a plain map that is fitted to the same training recordings.
+
+    A map that cannot be computed is listed in `not_computed` of its fit.
+    """
+    entries: dict[str, Fit | SelectionEntry] = dict(study.fits)
+    if study.model_selection is not None:
+        entries["model_selection"] = study.model_selection
+    spare = {name: spare_inputs(study, name, body) for name, body in bodies.items()}
+    maps: dict[tuple[str, ...], tuple[PlainMap, dict[str, Mapped | str]]] = {}
+    compared = []
+    for fit in fits:
+        train = tuple(entries[fit.name].train)
+        failures = Failures(fit.name, notify)
+
+        def baselined(fit: FitOutcome = fit, train: tuple[str, ...] = train) -> FitOutcome:
+            if train not in maps:
+                plain = plain_map([experiments[name] for name in train])
+                notify(f"plain map of {', '.join(train)}: {plain.title}")
+                maps[train] = plain, {}
+            plain, known = maps[train]
+            for record in (r for r in fit.records if r.name not in known):
+                known[record.name] = mapped(plain, record.experiment, fit.result.model.length)
+            return with_baseline(fit, plain, spare, known)
+
+        done = failures.attempt("plain map", "", baselined) or fit
+        compared.append(replace(done, not_computed=(*done.not_computed, *failures)))
+    return tuple(compared)
+
+
+def spare_inputs(study: Study, name: str, recording: xr.Dataset) -> dict[str, Trace]:
+    """Return the recorded inputs, as time series by name, that drive no input of the study's model."""
+    inputs = recorded_inputs(recording)
+    drive = study.recordings[name].drive
+    if not drive:
+        return {}
+    used = {signal.name for signal in driving(name, recording, drive).values()}
+    return {signal.name: Trace(signal.time, np.array(signal.values)) for signal in inputs
+            if signal.name not in used and np.isfinite(signal.values).all()}

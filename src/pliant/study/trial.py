@@ -21,6 +21,7 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.glitches import leave_out_glitches
 from pliant.preprocessing.held import leave_out_frozen
 from pliant.preprocessing.quality import Quality, quality
+from pliant.preprocessing.rest import FIRST_FRAMES, later_rest, nearest_rest
 from pliant.preprocessing.side import alignment_of
 from pliant.recording.inputs import RecordedInput, recorded_inputs
 from pliant.recording.rules import shape_values, shape_variable
@@ -29,7 +30,6 @@ from pliant.study.aligned import with_log
 from pliant.study.column_guess import TableGuess
 from pliant.study.doubts import unit_warning_first
 from pliant.study.first_reading import FirstReading, WithLog, read_or_guess, several
-from pliant.study.later_rest import FIRST_FRAMES, later_rest, nearest_rest
 from pliant.study.named_levels import named_pressure
 from pliant.study.plates import RIGID_M, UNNAMED, base_first, rigid, rigid_clusters, standing_among
 

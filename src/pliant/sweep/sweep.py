@@ -157,7 +157,7 @@ def run_sweep(
 
 def check_device(device: str, sweep: Sweep, *, local: bool) -> None:
     """Raise InputError for an unknown device, one that is absent, or one on which a sweep cannot run."""
-    from pliant.batch.devices import DEVICES, backend
+    from pliant.batch.batch import DEVICES, backend
 
     if device == "cpu":
         return

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import elastica
 import numpy as np
 
-from pliant.testbed.space_body import BodyInSpace
+if TYPE_CHECKING:
+    from pliant.testbed.space import BodyInSpace
 
 Array = np.ndarray
 GRAVITY = 9.80665  # m/s^2, along -z

@@ -10,9 +10,9 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
-from pliant.identification.lagged_inputs import behind_lags
 from pliant.recording.rules import INPUT_UNITS
 from pliant.simulation import Pulse, Trace
+from pliant.simulation.drive import behind_lags
 from pliant.simulation.inputs import Input
 from pliant.units import shown_in
 
@@ -63,7 +63,7 @@ def inputs_of(exp: Experiment) -> dict[str, Input]:
     that its motion shows; then the components of known forces. "" is the name of a single input without one.
     """
     sources: dict[str, Input] = dict(exp.traces)
-    if exp.excitation in ("pulse", "step"):
+    if exp.nominal:
         times = {**edges(exp), **exp.known}
         width = np.inf if exp.excitation == "step" else max(times["stop"] - times["start"], SHORTEST)
         sources[""] = Pulse(exp.level, times["start"], width)

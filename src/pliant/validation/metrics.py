@@ -13,9 +13,9 @@ from pliant.identification.edges import edges
 from pliant.identification.experiment import Experiment
 from pliant.identification.initial_guess import last_edge
 from pliant.numerics.curve import arc_lengths
-from pliant.numerics.joint_rotations import swings_along
 from pliant.numerics.ringdown import peak, ring_down, swings
 from pliant.preprocessing.detectors import quantum
+from pliant.reduction.links import swings_along
 
 Array = np.ndarray
 END_S = 0.2  # s at the end of the pulse or of the recording that count as steady state
@@ -259,7 +259,7 @@ def on_window(exp: Experiment, t: Array) -> Array | None:
     """Return a boolean for each of the times `t` [s], True on the plateau of the pressure; None if there is no
     plateau.
     """
-    if exp.excitation in ("pulse", "step"):
+    if exp.nominal:
         edge = edges(exp)
         return (t > edge["start"]) & (t < edge.get("stop", np.inf))
     if exp.pressure is None or exp.poses:

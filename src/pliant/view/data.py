@@ -78,7 +78,7 @@ def measured_of(record: RecordOutcome, every: int, pack: Pack) -> dict[str, Any]
         "stations": list(exp.stations), "shown": evenly_spaced(len(exp.stations), 3), "kind": exp.excitation,
         "time": clock(exp.time[::every], pack), "position": pack.add(exp.shown_in[1] * exp.compared[::every]),
         "inputs": inputs, "input": word, "unit": unit,
-        "level": shown_in(record.units[0])[0] * exp.level if exp.excitation in ("pulse", "step") else None,
+        "level": shown_in(record.units[0])[0] * exp.level if exp.nominal else None,
     }
 
 
