@@ -136,9 +136,7 @@ def test_a_measured_pressure_gives_the_angles_of_an_arm(shared_data):
 
 
 def lengthening_segments():
-    """As examples/planar_two_segment_arm_lengthens.toml fits it without creep of its segments: the chambers that the
-    later trials inflate.
-    """
+    """As fitted to the first trial, without creep of its segments: the chambers that the later trials inflate."""
     valve = Valve(0.0, 1.08848)
     near = Chamber([1.38296e-5], [1, 1, 0, 0, 0], valve=valve, axial_gain=21.9801, name="near_1")
     far = Chamber([4.17978e-6], [0, 0, 1, 1, 1], valve=valve, axial_gain=27.011, name="far_1")

@@ -95,6 +95,15 @@ def test_exchanged_labels_are_undone_on_request(tmp_path):
     assert left.fits[0].records[0].metrics["points_not_seen"] == 20
 
 
+def test_a_draft_of_several_motions_proposes_a_common_rest(tmp_path):
+    files = [write_recording(tmp_path / f"{name}.csv", table(level)) for name, level in LEVELS_KPA.items()]
+    text = draft_study(files, tmp_path / "s.toml", length=0.12, mass=0.05).text
+    assert "\n[alignment]\n# common_rest = true" in text
+    (tmp_path / "s.toml").write_text(text.replace("# common_rest", "common_rest"), encoding="utf-8")
+    assert load_study(tmp_path / "s.toml").alignment.common_rest
+    assert "common_rest" not in draft_study(files[:1], tmp_path / "one.toml", length=0.12, mass=0.05).text
+
+
 def test_a_draft_names_what_is_wrong(tmp_path):
     files = []
     for name, level in LEVELS_KPA.items():

@@ -24,6 +24,7 @@ from pliant.study.draft_tables import (
     actuator,
     alignment,
     camera,
+    common_rest,
     fibre,
     mapping_table,
     reduction,
@@ -134,6 +135,7 @@ def draft_study(
     if first.capped:
         fibre(out, first, length)
     elif not first.angles_only:
+        common_rest(out, inspected)
         alignment(out, first)
     if first.dense:
         reduction(out, inspected)

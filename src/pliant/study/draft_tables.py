@@ -230,6 +230,14 @@ def fibre(out: Lines, trial: Trial, length: float | None) -> None:
     out.put("cap_length", float(trial.recording.attrs["cap_length"]), "m, as the file states")
 
 
+def common_rest(out: Lines, inspected: Inspected) -> None:
+    """Propose a common rest position, if there are several motions of markers under measured inputs."""
+    motions = all(kind.excitation == "trace" and not kind.poses for kind in inspected.kinds.values())
+    if len(inspected.trials) > 1 and motions and inspected.first.recording.attrs["frame"] == "tracker":
+        out.table("alignment")
+        out.propose("common_rest", True, "if the body does not return exactly between recordings")
+
+
 def alignment(out: Lines, trial: Trial) -> None:
     """Write the [alignment] tables, which transform positions from the tracker's frame to the base frame."""
     if trial.recording.attrs["frame"] == "planar":
