@@ -95,12 +95,19 @@ def test_exchanged_labels_are_undone_on_request(tmp_path):
     assert left.fits[0].records[0].metrics["points_not_seen"] == 20
 
 
-def test_a_draft_of_several_motions_proposes_a_common_rest(tmp_path):
-    files = [write_recording(tmp_path / f"{name}.csv", table(level)) for name, level in LEVELS_KPA.items()]
+@pytest.mark.parametrize(("resting", "line"), [(0.0, "\ncommon_rest = true"), (20.0, "\n# common_rest = true")],
+                         ids=["alike", "elsewhere"])  # fmt: skip
+def test_a_draft_shifts_motions_that_begin_alike_to_a_common_rest(tmp_path, resting, line):
+    files = []
+    for k, (name, level) in enumerate(LEVELS_KPA.items()):
+        columns = table(level)
+        columns[:, 1] += resting * k
+        columns[:, 2:] += 0.01 * k  # mounted anew
+        files.append(write_recording(tmp_path / f"{name}.csv", columns))
     text = draft_study(files, tmp_path / "s.toml", length=0.12, mass=0.05).text
-    assert "\n[alignment]\n# common_rest = true" in text
-    (tmp_path / "s.toml").write_text(text.replace("# common_rest", "common_rest"), encoding="utf-8")
-    assert load_study(tmp_path / "s.toml").alignment.common_rest
+    assert f"\n[alignment]{line}" in text
+    (tmp_path / "s.toml").write_text(text, encoding="utf-8")
+    assert load_study(tmp_path / "s.toml").alignment.common_rest == (resting == 0.0)
     assert "common_rest" not in draft_study(files[:1], tmp_path / "one.toml", length=0.12, mass=0.05).text
 
 

@@ -11,9 +11,11 @@ import numpy as np
 
 from pliant.preprocessing.plausibility.pressure import ABSOLUTE, unloaded
 from pliant.preprocessing.side import alignment_of
+from pliant.recording.inputs import recorded_inputs
 from pliant.study.column_guess import TableGuess
 from pliant.study.draft_inputs import LINKS, can_be_slack, input_names
 from pliant.study.inspected import LATER, Inspected
+from pliant.study.kinds import switched_on
 from pliant.study.shorthand import OPEN
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial, farthest, longest_rest
@@ -22,6 +24,7 @@ EARTH = 9.81  # m/s^2
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 MINUTES = 5
 FINE = 0.01  # of the largest rotation: steps of an angle that show how links differ
+SAME_INPUT = 0.05  # of the largest value of an input of its kind: difference between inputs that count as the same
 WAYS = {"along": "position of this station on its link", "across": "across it", "aside": "perpendicular to both"}
 
 
@@ -231,11 +234,40 @@ def fibre(out: Lines, trial: Trial, length: float | None) -> None:
 
 
 def common_rest(out: Lines, inspected: Inspected) -> None:
-    """Propose a common rest position, if there are several motions of markers under measured inputs."""
+    """Write the shift of several motions of markers under measured inputs to one rest position, if they rest under the
+    same inputs; else propose it.
+    """
     motions = all(kind.excitation == "trace" and not kind.poses for kind in inspected.kinds.values())
-    if len(inspected.trials) > 1 and motions and inspected.first.recording.attrs["frame"] == "tracker":
-        out.table("alignment")
+    if not (len(inspected.trials) > 1 and motions and inspected.first.recording.attrs["frame"] == "tracker"):
+        return
+    out.table("alignment")
+    if rest_alike(inspected.trials):
+        out.put("common_rest", True, "shifts all recordings, station by station, to where the first one rests")
+    else:
         out.propose("common_rest", True, "if the body does not return exactly between recordings")
+
+
+def rest_alike(trials: Sequence[Trial]) -> bool:
+    """Return whether each recording has a rest that its alignment used, and all of them rest under the same inputs,
+    within 5 % of the largest value of an input of this kind.
+    """
+    resting, largest = list[dict[str, float]](), dict[str, float]()
+    for trial in trials:
+        if trial.aligned is None or "alignment" not in trial.aligned.attrs or switched_on(trial) is not None:
+            return False
+        start, stop = alignment_of(trial.aligned).rest_s
+        resting.append({})
+        for signal in recorded_inputs(trial.recording):
+            during = signal.values[(signal.time >= start) & (signal.time <= stop)]
+            resting[-1][f"{signal.kind} {signal.name}"] = float(np.nanmedian(during)) if during.size else np.nan
+            most = float(np.nanmax(np.abs(signal.values), initial=0.0))
+            largest[signal.kind] = max(largest.get(signal.kind, 0.0), most)
+    first, *others = resting
+    return bool(first) and all(
+        other.keys() == first.keys()
+        and all(abs(other[n] - value) <= SAME_INPUT * largest[n.partition(" ")[0]] for n, value in first.items())
+        for other in others
+    )
 
 
 def alignment(out: Lines, trial: Trial) -> None:
