@@ -32,6 +32,7 @@ from pliant.study.draft_tables import (
     weight,
     without_load,
 )
+from pliant.study.first_reading import UNUSED
 from pliant.study.inspected import Inspected, inspect_all
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial
@@ -181,13 +182,13 @@ def sentence(check: DraftCheck) -> str:
 
 
 def unexplained(trial: Trial) -> list[str]:
-    """Return a warning if a recording has no inputs, and its file has further columns that change: one of them may be
-    what moves the body.
+    """Return a warning if a recording has no inputs, and its file has further columns that change, or arrays, topics or
+    channels that were not read: one of them may be what moves the body.
     """
     if recorded_inputs(trial.recording) or trial.asks_inputs:
         return []
     return [f"{line}; if one of them moves the body, name it as pressure or inputs in a mapping"
-            for line in history_of(trial.recording) if line.startswith(CHANGING)]
+            for line in history_of(trial.recording) if line.startswith(CHANGING) or UNUSED.match(line)]
 
 
 def trial_doubts(inspected: Inspected, case: Case) -> tuple[str, ...]:
