@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+FEW = 4  # columns of a log that may all be sensors
 KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 HELD = frozenset((  # variables and coordinates that a table and its metadata hold
     "time", "station", "axis", "component", "position", "quaternion", "angle", "arc_length", "pressure",
@@ -293,9 +294,10 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
         history += more
     elif pressure is None:
         bare = [f"state pressure_unit in its mapping for {shown(name)}" for name in unitless_pressures(ignored)]
-        others = json.dumps(ignored[:8], ensure_ascii=False)
-        by_hand = f'pressure = {{ columns = {others}, unit = "kPa", scale = 1.0, zero = 0.0 }}'
-        remedy = [*bare, *unread_columns(ignored, file), f"rename them or give a mapping; for sensors: {by_hand}"][0]
+        listed = json.dumps(ignored, ensure_ascii=False)
+        hint = f"its columns are {shorten(ignored, 12)}" if len(ignored) > FEW else (
+            f'for sensors: pressure = {{ columns = {listed}, unit = "kPa", scale = 1.0, zero = 0.0 }}')
+        remedy = [*bare, *unread_columns(ignored, file), f"rename them or give a mapping; {hint}"][0]
         raise InputError(f"{file} has neither columns of stations (x_000, ...) nor of pressure (p_kpa): {remedy}")
     time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
     history += wrapped

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,6 +13,7 @@ from pliant.options import with_defaults
 from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.plausibility.pressure import ABSOLUTE
 from pliant.preprocessing.plausibility.together import copies, exchanged
+from pliant.recording.column_names import words_of
 from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.schema import history_of
@@ -191,6 +193,14 @@ def unexplained(trial: Trial) -> list[str]:
             for line in history_of(trial.recording) if line.startswith(CHANGING) or UNUSED.match(line)]
 
 
+def several_bases(trial: Trial) -> dict[str, str]:
+    """Return a warning if stations of several bodies say base, such as armA_base and armB_base, not base_1 and base_2."""
+    bases = {re.sub(r"[\W_\d]+|base", "", name.lower()): name for name in trial.names if "base" in words_of(name)}
+    said = (f"{' and '.join(bases.values())} say base: if they are on two bodies, state the stations of one in each "
+            "recording, and correct the length")  # fmt: skip
+    return {"several bases": said} if len(bases) > 1 else {}
+
+
 def trial_doubts(inspected: Inspected, case: Case) -> tuple[str, ...]:
     """Return the warnings about the recordings and the body, without duplicates; not on the times of settled poses,
     which have no effect.
@@ -204,6 +214,7 @@ def trial_doubts(inspected: Inspected, case: Case) -> tuple[str, ...]:
         known = case if trial.has_scale else replace(case, length=None)
         for check, line in body_warnings(known, trial.grouped, trial.aligned if trial.has_scale else None).items():
             warnings.setdefault(check, line)
+    warnings |= several_bases(inspected.first)
     warnings |= {f"{trial.name} {CHANGING}": line for trial in trials for line in unexplained(trial)}
     warnings |= {f"{trial.name} {line}": f"{trial.path.name}: {line.removeprefix(WARNING)}" for trial in trials
                  if trial.angles_only for line in history_of(trial.recording) if line.startswith(WARNING)}

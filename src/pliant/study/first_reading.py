@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -191,7 +192,9 @@ def shape_of(log: Path, shapes: Sequence[Path]) -> Path | None:
     shared = {f: (words & Counter(WORD.findall(f.stem.lower()))).total() for f in shapes}
     most = max(shared.values(), default=0)
     best = [f for f, count in shared.items() if count == most]
-    return best[0] if most and len(best) == 1 else None
+    alike = {f: len(commonprefix([log.stem, f.stem])) for f in best}  # cam1_log belongs to cam1DLC_resnet50_1
+    longest = [f for f in best if alike[f] == max(alike.values())]
+    return longest[0] if most and len(longest) == 1 else None
 
 
 def inputs_alone(path: Path, options: dict[str, Any] | None) -> dict[str, Any] | None:
