@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from os.path import commonprefix
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -192,7 +192,8 @@ def shape_of(log: Path, shapes: Sequence[Path]) -> Path | None:
     shared = {f: (words & Counter(WORD.findall(f.stem.lower()))).total() for f in shapes}
     most = max(shared.values(), default=0)
     best = [f for f, count in shared.items() if count == most]
-    alike = {f: len(commonprefix([log.stem, f.stem])) for f in best}  # cam1_log belongs to cam1DLC_resnet50_1
+    alike = {f: sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(log.stem, f.stem, strict=False)))
+             for f in best}  # the letters with which both begin: cam1_log belongs to cam1DLC_resnet50_1
     longest = [f for f in best if alike[f] == max(alike.values())]
     return longest[0] if most and len(longest) == 1 else None
 
