@@ -84,7 +84,8 @@ def prolonged(log: xr.Dataset, duration: float) -> xr.Dataset:
         missing = duration - float(np.ptp(clock.values))
         if missing <= EVERY_S:
             continue
-        added = float(clock.values[-1]) + np.append(np.arange(EVERY_S, missing, EVERY_S), missing)
+        every = max(EVERY_S, missing / MOST)
+        added = float(clock.values[-1]) + np.linspace(0.0, missing, int(np.ceil(missing / every)) + 1)[1:]
         times = np.concatenate([clock.values, added])
         rows = np.minimum(np.arange(len(times)), clock.size - 1)
         line = f"the last row of {name} is held for {missing:.3g} s more, to the end of the shape"
