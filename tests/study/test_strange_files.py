@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from small_study import TIMES, table
 
 from pliant.errors import InputError
-from pliant.recording import make_recording, read, write
+from pliant.recording import make_recording, read
+from pliant.study.aligned import with_log
 from pliant.study.column_guess import guessed_table
 from pliant.study.draft import draft_study
 from pliant.study.first_reading import read_or_guess, with_logs
@@ -171,13 +172,11 @@ def test_typed_steps_keep_their_last_level_to_the_end_of_the_shape(tmp_path):
         bent[k] = bent[k - 1] + 0.02 / 0.05 * (level[k] - bent[k - 1])
     places = np.stack([np.zeros((len(time), 3)), np.column_stack([-0.03 * bent, 0.1 - 0.01 * bent, 0.0 * bent])], 1)
     shape = make_recording(time, places, station=["base", "tip"])
-    write(shape, tmp_path / "film.nc")
     log = written(tmp_path / "film_log.csv", ["t_s", "p_kPa"], begins, 20.0 * np.array(STEPS))
-    draft, study = drafted(tmp_path / "film.nc", log)
-    assert study["recordings"]["film"]["pressure_mapping"] == {"hold": True}
-    history = str(draft.inspected.first.recording.attrs["history"])
-    assert "the last row of pressure is held for 1.78 s more, to the end of the shape" in history
-    clock = draft.inspected.first.recording["pressure_time"].values
+    joined, problem = with_log(shape, log, "film")
+    assert not problem
+    assert "the last row of pressure is held for 1.78 s more, to the end of the shape" in joined.attrs["history"]
+    clock = joined["pressure_time"].values
     assert abs(clock[0]) < 0.1  # the clocks agree
     assert np.ptp(clock) == pytest.approx(np.ptp(time), rel=0.05)
 
@@ -189,7 +188,8 @@ def test_arrays_of_an_hdf5_file_are_read_by_name_and_unit(tmp_path):
             file.create_dataset(name, data=values).attrs["unit"] = unit
     with pytest.raises(InputError, match=r"name them in the mapping. Its arrays are: .*mocap\.tip \(160, 3\)"):
         read(tmp_path / "a.h5")
-    mapping = {"time": "mocap.time", "position": {s: f"mocap.{s}" for s in ("base", "tip")}, "pressure": "daq.pressure"}
+    mapping = {"time": "mocap.time", "position": {"base": "mocap.base", "tip": "mocap.tip"},
+               "pressure": "daq.pressure"}  # fmt: skip
     ds = read(tmp_path / "a.h5", mapping=mapping)
     np.testing.assert_allclose(ds["time"], TIMES, atol=1e-12)
     np.testing.assert_allclose(ds["position"].values, np.stack([BASE, TIP], axis=1), atol=1e-12)

@@ -5,6 +5,7 @@ counted in a sentence, and the lines keep their numbers.
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -69,7 +70,16 @@ def table_lines(
     """
     text, encoding = encoded_text(path)
     notes = [f"{path.name} is read as {encoding} text"] if encoding else []
-    lines, name = text.split("\n"), path.name
+    table = tidied(text, path.name, skip_lines, delimiter, header, events)
+    return TableText([*table.lines], [*notes, *table.notes], table.runs)
+
+
+@lru_cache(maxsize=1)  # a table is read several times, by different rules
+def tidied(
+    text: str, name: str, skip_lines: int | None, delimiter: str | None, header: bool | None, events: bool,
+) -> TableText:
+    """Return the lines of the text of a table; see `table_lines`."""
+    lines, notes = text.split("\n"), list[str]()
     if skip_lines is None:
         lines, more = as_table(lines, name)
         notes += more
