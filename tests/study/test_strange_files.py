@@ -183,8 +183,9 @@ def test_typed_steps_keep_their_last_level_to_the_end_of_the_shape(tmp_path):
 
 def test_arrays_of_an_hdf5_file_are_read_by_name_and_unit(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        for name, values, unit in (("mocap/base", 1e3 * BASE, "mm"), ("mocap/tip", 1e3 * TIP, "mm"),
-                                   ("mocap/time", 1e3 * TIMES, "ms"), ("daq/pressure", KPA / 100.0, "bar")):  # fmt: skip
+        stored = [("mocap/base", 1e3 * BASE, "mm"), ("mocap/tip", 1e3 * TIP, "mm"), ("mocap/time", 1e3 * TIMES, "ms"),
+                  ("daq/pressure", KPA / 100.0, "bar")]  # fmt: skip
+        for name, values, unit in stored:
             file.create_dataset(name, data=values).attrs["unit"] = unit
     with pytest.raises(InputError, match=r"name them in the mapping. Its arrays are: .*mocap\.tip \(160, 3\)"):
         read(tmp_path / "a.h5")
