@@ -54,8 +54,8 @@ class Variables:
             for k, item in enumerate(array.ravel(order="F"), 1):
                 self.walk(f"{name}({k})", item, depth + 1)
         elif array.dtype.names == OPAQUE:
-            own, _, kind, _ = array.reshape(-1)[0]
-            self.others.append(f"{own.decode() if name == UNNAMED else name} ({kind.decode()})")
+            title, _, kind, _ = array.reshape(-1)[0]
+            self.others.append(f"{title.decode() if name == UNNAMED else name} ({kind.decode()})")
         elif array.dtype.names and array.size == 1 and depth < DEEPEST:
             for key in array.dtype.names:
                 self.walk(f"{name}.{key}", array.reshape(-1)[0][key], depth + 1)

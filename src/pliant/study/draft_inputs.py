@@ -207,8 +207,8 @@ def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
     """
     recorded = several(trial.recording)
     driving = {name: channel for name, channel in inspected.channels.items() if channel in recorded}
-    own = {signal.name for signal in trial.tendon_inputs}
-    driving |= {name: channel for name, channel in inspected.tendons.items() if channel in own}
+    measured = {signal.name for signal in trial.tendon_inputs}
+    driving |= {name: channel for name, channel in inspected.tendons.items() if channel in measured}
     if driving:
         out.put("drive", driving, "input of the model = channel of the recording")
     moving = [s for s in recorded_inputs(trial.recording) if np.unique(s.values[np.isfinite(s.values)]).size > 1]
