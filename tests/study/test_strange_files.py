@@ -181,24 +181,32 @@ def test_typed_steps_keep_their_last_level_to_the_end_of_the_shape(tmp_path):
     assert np.ptp(clock) == pytest.approx(np.ptp(time), rel=0.05)
 
 
-def test_arrays_of_an_hdf5_file_are_read_by_name_and_unit(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        stored = [("mocap/base", 1e3 * BASE, "mm"), ("mocap/tip", 1e3 * TIP, "mm"), ("mocap/time", 1e3 * TIMES, "ms"),
-                  ("daq/pressure", KPA / 100.0, "bar")]  # fmt: skip
-        for name, values, unit in stored:
+ARRAYS = {"time": "mocap.time", "position": {"base": "mocap.base", "tip": "mocap.tip"}, "pressure": "daq.pressure"}
+
+
+def stored(path, tip="mm"):
+    arrays = [("mocap/base", 1e3 * BASE, "mm"), ("mocap/tip", 1e3 * TIP, tip), ("mocap/time", 1e3 * TIMES, "ms"),
+              ("daq/pressure", KPA / 100.0, "bar"), ("daq/time_ms", 1e3 * TIMES, "ms"), ("daq/pull", KPA, "cm")]
+    with h5py.File(path, "w") as file:
+        for name, values, unit in arrays:
             file.create_dataset(name, data=values).attrs["unit"] = unit
-    with pytest.raises(InputError, match=r"name them in the mapping. Its arrays are: .*mocap\.tip \(160, 3\)"):
-        read(tmp_path / "a.h5")
-    mapping = {"time": "mocap.time", "position": {"base": "mocap.base", "tip": "mocap.tip"},
-               "pressure": "daq.pressure"}  # fmt: skip
-    ds = read(tmp_path / "a.h5", mapping=mapping)
+    return path
+
+
+@pytest.mark.parametrize("clock", ["mocap.time", "daq.time_ms"])
+def test_arrays_of_an_hdf5_file_are_read_by_name_and_unit(tmp_path, clock):
+    ds = read(stored(tmp_path / "a.h5"), mapping={**ARRAYS, "time": clock})
     np.testing.assert_allclose(ds["time"], TIMES, atol=1e-12)
     np.testing.assert_allclose(ds["position"].values, np.stack([BASE, TIP], axis=1), atol=1e-12)
     np.testing.assert_allclose(ds["pressure"], 1e3 * KPA, atol=1e-6)
-    with h5py.File(tmp_path / "a.h5", "r+") as file:
-        file["mocap/tip"].attrs["unit"] = "cm"
-    with pytest.raises(InputError, match=r"state several units \(cm, mm\): state length_unit in the mapping"):
-        read(tmp_path / "a.h5", mapping=mapping)
+
+
+def test_an_hdf5_file_lists_its_arrays_and_refuses_positions_in_several_units(tmp_path):
+    path = stored(tmp_path / "a.h5", tip="cm")
+    with pytest.raises(InputError, match=r"name them in the mapping. Its arrays are: .*mocap\.tip \(160, 3\)"):
+        read(path)
+    with pytest.raises(InputError, match=r"arrays of position in a.h5 state several units \(cm, mm\)"):
+        read(path, mapping=ARRAYS)
 
 
 def test_columns_of_one_table_in_an_hdf5_file(tmp_path):

@@ -13,7 +13,7 @@ from pliant.recording.apart import read_apart
 from pliant.recording.arrays import USUAL_NAMES, recording_from_arrays, trials_in_arrays
 from pliant.recording.column_names import SHAPES
 from pliant.recording.columns import trials_in_table
-from pliant.recording.mapping import shorten
+from pliant.recording.mapping import named_in, shorten
 from pliant.recording.npz import arrays_of
 from pliant.recording.registry import ENDINGS, Reader, describes_columns
 
@@ -90,12 +90,6 @@ def of_simulink(arrays: Mapping[str, NDArray], options: Mapping[str, Any]) -> di
     elif not clocks:
         rest[f"{struct}time"] = shared[0]
     return rest | {n: a for n, a in arrays.items() if n.removeprefix(struct) in entries}
-
-
-def named_in(entry: Any) -> set[str]:
-    """Return all texts in an entry of a mapping."""
-    inner = entry.values() if isinstance(entry, Mapping) else entry if isinstance(entry, list) else ()
-    return {entry} if isinstance(entry, str) else set().union(*(named_in(one) for one in inner))
 
 
 def frames_first(values: NDArray, count: int) -> NDArray:
