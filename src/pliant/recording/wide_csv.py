@@ -33,6 +33,7 @@ from pliant.recording.column_names import (
     pressures_named,
     refuse_pixels,
     standard_names,
+    unit_of,
     unitless_pressures,
     unread_columns,
 )
@@ -58,7 +59,7 @@ from pliant.recording.tables import (
 )
 from pliant.recording.tidy import table_lines
 from pliant.recording.units_row import with_units
-from pliant.units import metre_per
+from pliant.units import PASCAL, metre_per
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -294,9 +295,10 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
         history += more
     elif pressure is None:
         bare = [f"state pressure_unit in its mapping for {shown(name)}" for name in unitless_pressures(ignored)]
-        listed = json.dumps(ignored, ensure_ascii=False)
+        unit = next(filter(None, (unit_of(name, PASCAL) for name in ignored)), "kPa")
         hint = f"its columns are {shorten(ignored, 12)}" if len(ignored) > FEW else (
-            f'for sensors: pressure = {{ columns = {listed}, unit = "kPa", scale = 1.0, zero = 0.0 }}')
+            f"for sensors: pressure = {{ columns = {json.dumps(ignored, ensure_ascii=False)}, unit = {unit!r}, "
+            "scale = 1.0, zero = 0.0 }")
         remedy = [*bare, *unread_columns(ignored, file), f"rename them or give a mapping; {hint}"][0]
         raise InputError(f"{file} has neither columns of stations (x_000, ...) nor of pressure (p_kpa): {remedy}")
     time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
