@@ -294,13 +294,7 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
         arrays, more = _stations(columns, labels, metadata, file)
         history += more
     elif pressure is None:
-        bare = [f"state pressure_unit in its mapping for {shown(name)}" for name in unitless_pressures(ignored)]
-        unit = next(filter(None, (unit_of(name, PASCAL) for name in ignored)), "kPa")
-        hint = f"its columns are {shorten(ignored, 12)}" if len(ignored) > FEW else (
-            f"for sensors: pressure = {{ columns = {json.dumps(ignored, ensure_ascii=False)}, unit = {unit!r}, "
-            "scale = 1.0, zero = 0.0 }")
-        remedy = [*bare, *unread_columns(ignored, file), f"rename them or give a mapping; {hint}"][0]
-        raise InputError(f"{file} has neither columns of stations (x_000, ...) nor of pressure (p_kpa): {remedy}")
+        raise InputError(f"{file} has neither columns of stations (x_000, ...) nor of pressure (p_kpa): {remedy(ignored, file)}")
     time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
     history += wrapped
     used = np.stack([columns[name] for name in columns if is_known(name) and name not in CLOCKS], axis=1)
@@ -313,6 +307,16 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
             time if labels else None, pressure=pressure, pressure_time=None if pressure is None else time,
             chamber=chamber, history=[metadata.get("history", ""), *history], **arrays, **_kept(metadata),
         )  # fmt: skip
+
+
+def remedy(unread: list[str], file: str) -> str:
+    """Return how to read a pressure from the columns that were not read, for a message."""
+    bare = [f"state pressure_unit in its mapping for {shown(name)}" for name in unitless_pressures(unread)]
+    unit = next(filter(None, (unit_of(name, PASCAL) for name in unread)), "kPa")
+    hint = f"its columns are {shorten(unread, 12)}" if len(unread) > FEW else (
+        f"for sensors: pressure = {{ columns = {json.dumps(unread, ensure_ascii=False)}, unit = {unit!r}, "
+        "scale = 1.0, zero = 0.0 }")
+    return [*bare, *unread_columns(unread, file), f"rename them or give a mapping; {hint}"][0]
 
 
 def _station_labels(columns: dict[str, NDArray]) -> list[str]:
