@@ -294,7 +294,8 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
         arrays, more = _stations(columns, labels, metadata, file)
         history += more
     elif pressure is None:
-        raise InputError(f"{file} has neither columns of stations (x_000, ...) nor of pressure (p_kpa): {remedy(ignored, file)}")
+        raise InputError(f"{file} has neither columns of stations (x_000, ...) nor of pressure (p_kpa): "
+                         f"{remedy(ignored, file)}")
     time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
     history += wrapped
     used = np.stack([columns[name] for name in columns if is_known(name) and name not in CLOCKS], axis=1)
