@@ -14,9 +14,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.files import is_sealed, seal, whole
 from pliant.recording.apart import read_apart
-from pliant.recording.arrays import PRESSURE_NAMES, USUAL_NAMES, recording_from_arrays
 from pliant.recording.clock import SECONDS
-from pliant.recording.column_names import parted
 from pliant.recording.mapping import named_in, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
 from pliant.recording.schema import COORDINATES, VARIABLES, append_history, check_recording
@@ -56,6 +54,9 @@ def _of_named(
     ``table.column``; without the name of a group or table that holds all. Units that neither names nor the mapping
     state are those of the attributes ``unit`` or ``units`` of the arrays that are read.
     """
+    from pliant.recording.arrays import PRESSURE_NAMES, USUAL_NAMES, recording_from_arrays  # not for files of pliant
+    from pliant.recording.column_names import parted
+
     names = {path: path.replace("/", ".").replace(":", ".") for path in facts["variables"]}
     while all("." in name for name in names.values()) and len({n.partition(".")[0] for n in names.values()}) == 1:
         names = {path: name.partition(".")[2] for path, name in names.items()}
