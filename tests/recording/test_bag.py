@@ -230,3 +230,27 @@ def test_the_folder_of_a_recording_that_was_cut_names_the_file_in_it(tmp_path):
     with pytest.raises(InputError, match=rf"which has metadata.yaml\): give the file in it, such as {path.name}"):
         read(path.parent)
     assert read(path, mapping={"pressure": {"a": "/valve/pressure"}}).sizes["time"] == 60
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_a_bag_without_a_message_says_so(tmp_path, plugin):
+    with Writer(tmp_path / "bag", version=9, storage_plugin=plugin) as writer:
+        writer.add_connection("/tip", "geometry_msgs/msg/PoseStamped", typestore=STORE)
+    with pytest.raises(InputError, match="bag holds no whole message: nothing was recorded"):
+        read(tmp_path / "bag")
+
+
+def test_arrays_of_numbers_are_pressures_of_several_chambers(tmp_path):
+    kind = "std_msgs/msg/Float64MultiArray"
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        tip = writer.add_connection("/tip", "geometry_msgs/msg/PoseStamped", typestore=STORE)
+        valves = writer.add_connection("/valves", kind, typestore=STORE)
+        layout = make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
+        for t in T.tolist():
+            stamp = NS + round(1e9 * t)
+            writer.write(tip, stamp, STORE.serialize_cdr(pose(t, float(swing(t))), tip.msgtype))
+            writer.write(valves, stamp, STORE.serialize_cdr(
+                make(kind, layout=layout, data=np.array([t, 2.0 * t])), kind))  # fmt: skip
+    ds = read(tmp_path / "bag", mapping={"pressure": {"valve": "/valves"}, "pressure_unit": "kPa"})
+    assert ds["chamber"].values.tolist() == ["valve_0", "valve_1"]
+    np.testing.assert_allclose(ds["pressure"], 1e3 * np.column_stack([T, 2.0 * T]))

@@ -67,7 +67,8 @@ def cloud(m: Any) -> list[list[float]]:
 
 
 FLOATS = {7: 4, 8: 8}  # PointField.datatype -> bytes, of floating-point numbers
-NUMBERS = ("sensor_msgs/msg/FluidPressure", "std_msgs/msg/Float64", "std_msgs/msg/Float32")
+NUMBERS = ("sensor_msgs/msg/FluidPressure", "std_msgs/msg/Float64", "std_msgs/msg/Float32",
+           "std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float32MultiArray")
 ROWS = {  # type of message -> its rows of numbers, a pose or a number each
     "geometry_msgs/msg/PoseStamped": lambda m: [pose(m.pose)],
     "geometry_msgs/msg/PoseArray": lambda m: [pose(p) for p in m.poses],
@@ -81,6 +82,8 @@ ROWS = {  # type of message -> its rows of numbers, a pose or a number each
     "sensor_msgs/msg/FluidPressure": lambda m: [[m.fluid_pressure]],
     "std_msgs/msg/Float64": lambda m: [[m.data]],
     "std_msgs/msg/Float32": lambda m: [[m.data]],
+    "std_msgs/msg/Float64MultiArray": lambda m: [[float(x)] for x in m.data],
+    "std_msgs/msg/Float32MultiArray": lambda m: [[float(x)] for x in m.data],
 }
 
 
@@ -226,8 +229,10 @@ def content_of(path: Path) -> Content:
             except Refused as refused:
                 unread[connection.topic] = str(refused)
                 topic.rows.clear()
-    arrays, listed = tabulated(topics, stated, metadata_counts(path))
-    return arrays, {"topics": listed, "others": others, "unread": unread, "transforms": transforms.listed()}
+        arrays, listed = tabulated(topics, stated, metadata_counts(path))
+        total = sum(connection.msgcount for connection in bag.connections)
+    return arrays, {"topics": listed, "others": others, "unread": unread, "transforms": transforms.listed(),
+                    "messages": total}  # fmt: skip
 
 
 def tabulated(

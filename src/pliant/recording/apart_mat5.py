@@ -10,6 +10,8 @@ from scipy.io import loadmat
 from pliant.recording.apart_worker import Content
 
 DEEPEST = 20  # structs within structs
+OPAQUE = ("s0", "s1", "s2", "arr")  # parts of an object of MATLAB, as SciPy reads it: its name, .., class, ..
+UNNAMED = "None"  # name that SciPy gives the variable that holds it
 PARTED = (dict, list, np.ndarray)  # cells that hold structs, cells or arrays
 
 
@@ -51,6 +53,9 @@ class Variables:
                 self.structs[name] = (array.size, [str(key) for key in array.flat[0]])
             for k, item in enumerate(array.ravel(order="F"), 1):
                 self.walk(f"{name}({k})", item, depth + 1)
+        elif array.dtype.names == OPAQUE:
+            title, _, kind, _ = array.reshape(-1)[0]
+            self.others.append(f"{title.decode() if name == UNNAMED else name} ({kind.decode()})")
         elif array.dtype.names and array.size == 1 and depth < DEEPEST:
             for key in array.dtype.names:
                 self.walk(f"{name}.{key}", array.reshape(-1)[0][key], depth + 1)

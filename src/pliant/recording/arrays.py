@@ -8,6 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from pliant.errors import InputError, inside
+from pliant.recording.clock import SECONDS, since_1970
+from pliant.recording.column_names import parted
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.schema import make_recording
 from pliant.units import PASCAL, DrivenBy, metre_per, newton_per, pascal_per, radian_per
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 INPUT_SI = {"tension": newton_per, "displacement": metre_per, "angle": radian_per}
+POSE = 7  # numbers of a position and an orientation, which is left out
 POSITIONS = "positions of the stations"  # name of the array that joins those of the stations
 RATES = ("rate_hz", "frame_rate", "sample_rate", "sampling_rate", "fs")  # usual names of a frame rate [Hz]
 USUAL_NAMES = {
@@ -92,10 +95,13 @@ def recording_from_arrays(
     if isinstance(options.position, dict):
         arrays, options = _by_station(arrays, options, options.position, file)
     by_role = {role: _find(arrays, role, getattr(options, role), file) for role in USUAL_NAMES}
+    timed = {role: _in_seconds(by_role[role], getattr(options, role), file) for role in ("time", "pressure_time")}
+    by_role |= {role: time for role, (time, _) in timed.items()}
     pressure_name, pressure = _pressure(arrays, options, file)
     scale = metre_per(options.length_unit)
     position = by_role["position"]
     history = _unused(arrays, options, pressure_name, others, file)
+    history += [line for _, said in timed.values() for line in said]
     level = None
     if options.trial is not None:
         position, pressure, level = _one_trial(position, pressure, options.trial, file)
@@ -120,6 +126,19 @@ def recording_from_arrays(
             strain=by_role["strain"], gauge_position=_scaled(by_role["gauge_position"], scale), nominal_pressure=level,
             arc_length=_scaled(by_role["arc_length"], scale), history=history,
         )  # fmt: skip
+
+
+def _in_seconds(time: NDArray | None, name: str | None, file: str) -> tuple[NDArray | None, list[str]]:
+    """Return an array of times [s], by the unit at the end of its name or, since 1970, by their size; and a sentence
+    for the history where their unit is another.
+    """
+    unit = parted(name.rpartition(".")[2])[1] if name else ""
+    if time is None or not time.size:
+        return time, []
+    if unit in SECONDS and unit != "s":
+        return time * SECONDS[unit], [f"the times of {file} are in {unit}, as the name {name} says"]
+    unit, said = since_1970(np.ravel(time), "s", file)
+    return time * SECONDS[unit], said
 
 
 def trials_in_arrays(
@@ -148,6 +167,7 @@ def _by_station(
         columns = [_find(arrays, f"station {name}", key, file) for key in ([listed] if isinstance(listed, str) else
                                                                           listed)]  # fmt: skip
         part = np.column_stack([np.squeeze(column) for column in columns if column is not None])
+        part = part[:, :3] if part.shape[1] == POSE else part
         parts.append(part.T if part.shape[0] in (2, 3) < part.shape[1] else part)
     if len({part.shape for part in parts}) > 1 or parts[0].shape[1] not in (2, 3):
         shapes = ", ".join(f"{name} {part.shape}" for name, part in zip(stations, parts, strict=True))

@@ -4,7 +4,7 @@ Poses and points become stations, pressures become the pressure of chambers. Tim
 the times of reception where the messages of a topic have no header or no stamp in it. Stations in other coordinate
 frames are transformed into that of the first station by the constant transforms of the bag (tf). Known types:
 PoseStamped, PoseWithCovarianceStamped, PoseArray, TransformStamped, Odometry, PointStamped, PointCloud, PointCloud2,
-Imu, FluidPressure, Float64 and Float32. A FluidPressure is absolute: subtract the ambient pressure by
+Imu, FluidPressure, Float64, Float32 and arrays of these. A FluidPressure is absolute: subtract the ambient pressure by
 ``linear.pressure``.
 """
 
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 IMU, FLUID = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
-NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float32")
+NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float32", "std_msgs/msg/Float64MultiArray",
+           "std_msgs/msg/Float32MultiArray")
 TOGETHER = 0.5  # of the frame interval: messages of two topics that are closer in time belong to one frame
 
 
@@ -159,6 +160,9 @@ def cut_short(facts: Mapping[str, Any], file: str) -> list[Stated]:
     cut = [Stated("bytes of whole records and an end", "its size", *facts["cut"])] if "cut" in facts else []
     if not facts["topics"]:
         judge_stated(cut, file)
+    if not facts["messages"]:
+        raise InputError(f"{file} holds no whole message: nothing was recorded, or the file was cut before the first; "
+                         "record it again")
     return cut
 
 
@@ -312,7 +316,7 @@ def pressures_of(
     """
     if not pressures:
         return {}
-    clock, values = None, []
+    clock, values, names = None, [], list[str]()
     for name, topic in pressures.items():
         if topic.kind not in (FLUID, *NUMBERS):
             raise InputError(f"topic of chamber {clipped(name)} of {file} holds no numbers: choose a topic of "
@@ -324,8 +328,10 @@ def pressures_of(
         keep, _ = without_repeats(stamp_s, file)
         clock = stamp_s[keep] if clock is None else clock
         scale = 1.0 if topic.kind == FLUID else pascal_per(str(unit))
-        values.append(np.interp(clock, stamp_s[keep], scale * topic.rows[keep, 0, 0]))
-    chamber = list(pressures) if len(pressures) > 1 else None
+        numbers = scale * topic.rows[keep, :, 0]
+        values += [np.interp(clock, stamp_s[keep], column) for column in numbers.T]
+        names += [name] if numbers.shape[1] == 1 else [f"{name}_{k}" for k in range(numbers.shape[1])]
+    chamber = names if len(names) > 1 else None
     return {"pressure_time": clock, "pressure": np.stack(values, axis=1), "chamber": chamber}
 
 

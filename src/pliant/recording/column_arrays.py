@@ -13,10 +13,10 @@ from pliant.errors import InputError, clipped
 from pliant.recording.arrays import INPUT_SI
 from pliant.recording.camera import Camera
 from pliant.recording.clock import SECONDS
-from pliant.recording.column_names import COUNTERS, parted
+from pliant.recording.column_names import COUNTERS, WORDS, parted
 from pliant.recording.inclination import InclinationMapping
 from pliant.recording.mapping import FileMapping, shorten
-from pliant.units import DrivenBy, metre_per, pascal_per, radian_per
+from pliant.units import PASCAL, DrivenBy, metre_per, pascal_per, radian_per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -377,3 +377,27 @@ def calibrated(names: Sequence[Any], scale: Any, zero: Any, unit: str) -> list[s
         return []
     listed = ", ".join(clipped(str(name), 40) for name in names)
     return [f"{listed}: value = (stored value - {zero}) * {scale} {unit}"]
+
+
+def pressure_unit(name: str) -> str | None:
+    """Return the unit in the name of a pressure column, such as ``p_kpa``; None for any other column."""
+    parts = name.split("_")
+    if name.lower() in PASCAL:  # a small logger's psi, kPa or mbar
+        return name
+    return parts[1] if len(parts) >= 2 and parts[0] == "p" and parts[1].lower() in {*PASCAL} - WORDS else None
+
+
+def pressures_of(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | None]:
+    """Return the pressures [Pa] in the pressure columns of a table with T rows, and the names of the chambers. A single
+    column without a chamber name, such as ``p_kpa``, gives (T,) and no names. C columns, such as ``p_kpa_left``, give
+    (T, C) and C names.
+    """
+    units = {name: unit for name in columns if (unit := pressure_unit(name))}
+    if "p" in columns:
+        raise InputError("the column p does not state its unit: rename it p_kpa, p_bar, p_psi or p_pa")
+    if not units:
+        return None, None
+    values = [columns[name] * pascal_per(unit) for name, unit in units.items()]
+    if len(units) == 1 and next(iter(units)).count("_") <= 1:
+        return values[0], None
+    return np.stack(values, -1), ["_".join(name.split("_")[2:]) or "p" for name in units]

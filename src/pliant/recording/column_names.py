@@ -13,7 +13,7 @@ import numpy as np
 
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
-from pliant.recording.tables import holds_number
+from pliant.recording.tables import holds_number, without_dots
 from pliant.units import METRE, PASCAL, PIXEL, RADIAN, standard_unit
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ COUNTED = re.compile(r"([xyz])([0-9]+)", re.IGNORECASE)  # x1
 BEHIND = re.compile(r"(.+?)[_ .:](?:p(?:os|osition)?[_ .]?)?([xyz])", re.IGNORECASE)  # tip_x, tip_px
 JOINED = re.compile(r"(.*[a-z0-9])([XYZ])|(.*[0-9])([xyz])")  # tipX, m0x
 ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
+BACK = re.compile(r"^([xyz])([bt])(?![a-z0-9])")  # xb, as bx
 SHORT = re.compile(r"(?:(.+)[_ .:])?([a-z])([xyz])", re.IGNORECASE)  # bx, Port1_Tx
 TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "datetime", "date_time", "date", "clock",
          "zeit", "zeitstempel", "uhrzeit", "temps", "tiempo", "tempo", "tid", "tijd"}  # fmt: skip
@@ -67,8 +68,7 @@ REFERENCE = re.compile(r"(?:^|[\W_])ref", re.IGNORECASE)
 PERHAPS_MEASURED = re.compile(r"(?:^|[\W_])(?:ist|act(?:ual)?|meas\w*|raw|druck|press\w*|mesur\w*)(?:[\W_\d]|$)",
                               re.IGNORECASE)  # fmt: skip
 ABSOLUTE = re.compile(r"(?:^|[\W_])abs(?:olute)?(?:[\W_]|$)", re.IGNORECASE)  # a pressure that is no gauge pressure
-LENGTHS = {*METRE, PIXEL}
-ANGLES = {"angle", "angles", "theta", "flex"}  # words of tables of angles
+LENGTHS, ANGLES = {*METRE, PIXEL}, {"angle", "angles", "theta", "flex"}  # units; words of tables of angles
 WORDS = {"in", "atm"}  # units that are words as well: a name states them in brackets alone
 
 
@@ -162,11 +162,11 @@ def _position(name: str) -> tuple[str, str] | None:
     """Return the standard name and the unit of a column of a station's coordinate, or None."""
     for bare, unit in (_without_unit(name, LENGTHS), (name, "")):  # tip_px is no name with a unit
         if match := BEFORE.fullmatch(bare) or COUNTED.fullmatch(bare):
-            return f"{match[1].lower()}_{match[2]}", unit
+            return f"{match[1].lower()}_{without_dots(match[2])}", unit
         if match := BEHIND.fullmatch(bare) or JOINED.fullmatch(bare):
             owner, axis = [group for group in match.groups() if group]
             if re.split(r"[_ .:]", owner)[-1].lower() not in LETTERS and not is_no_place(words_of(owner)):
-                return f"{axis.lower()}_{owner}", unit
+                return f"{axis.lower()}_{without_dots(owner)}", unit
     return None
 
 
@@ -192,7 +192,7 @@ def _short(names: Iterable[str]) -> dict[str, tuple[str, str]]:
     length, or in lower case if both b and t are there, and those of a port if it has a quaternion or a unit.
     """
     parts = {name: (match[1] or "", match[2], match[3].lower(), unit) for name in names
-             for word, unit in [_without_unit(name, LENGTHS)] if (match := SHORT.fullmatch(word))}  # fmt: skip
+             for word, unit in [_without_unit(BACK.sub(r"\2\1", name), LENGTHS)] if (match := SHORT.fullmatch(word))}
     count = Counter(part[:2] for part in parts.values())
     full = {name: part for name, part in parts.items() if count[part[:2]] == 3}
     letters = {letter for begin, letter, _, _ in full.values() if not begin}
@@ -210,7 +210,7 @@ def _orientations(names: Iterable[str], stations: Collection[str]) -> dict[str, 
     """Return the standard names of the columns of quaternions, such as ``tip_qx`` or ``quat_w``, of stations of which
     the table has all four. The q0 beside qx, qy and qz is w.
     """
-    turns = {name: (match[1] or BODY, NUMBERED.get(match[2], match[2].lower())) for name in names
+    turns = {name: (without_dots(match[1] or BODY), NUMBERED.get(match[2], match[2].lower())) for name in names
              if (match := TURN.fullmatch(name))}  # fmt: skip
     count = Counter(station for station, _ in turns.values())
     return {name: f"q{axis}_{station}" for name, (station, axis) in turns.items()

@@ -43,12 +43,13 @@ from pliant.recording.column_arrays import (
     station_arrays,
 )
 from pliant.recording.column_names import PartedClock, completed
-from pliant.recording.inclination import gravity_rows, turning_angles
+from pliant.recording.inclination import gravity_rows, turning_angles, whole_turns
 from pliant.recording.joined_runs import RUN, refuse_several
 from pliant.recording.mapping import shorten
 from pliant.recording.schema import make_recording
 from pliant.recording.stated import WARNING
 from pliant.recording.tables import (
+    COPY,
     NUMBER,
     delimiter_of,
     first_row,
@@ -257,7 +258,8 @@ def _unused(header: ColumnHeader, options: ColumnMapping, table: NDArray) -> lis
     values change; none where it uses all.
     """
     used = _used(header, options)
-    left = {i: header.names[i] if header.names else i for i in range(header.width) if i not in used}
+    left = {i: name for i, name in enumerate(header.names or range(header.width))
+            if i not in used and not str(name).startswith(COPY)}
     if not left:
         return []
     names = shorten([*left.values()])
@@ -390,25 +392,6 @@ def _turning(table: NDArray, header: ColumnHeader, options: ColumnMapping) -> tu
         stored = np.concatenate([*measured.values()], axis=1)
         angle, turns = whole_turns(stored * radian_per(options.angle_unit or "rad"))
     return {"angle": angle, "station": list(angles), "frame": "planar", "arc_length": options.arc_length}, turns
-
-
-ONE_TURN = 2.1 * np.pi  # rad: a sensor that wraps after one turn reads no more; one that reads more does not wrap
-
-
-def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
-    """Remove the jumps of 360 degrees from the angles (T, S) [rad] of S sensors over T frames, and return them with a
-    history line that counts the jumps.
-    """
-    finite = np.isfinite(angle)
-    result, jumps = angle.copy(), 0
-    for s in range(angle.shape[1]):
-        read = angle[finite[:, s], s]
-        if read.size and np.ptp(read) > ONE_TURN:
-            continue
-        steady = np.unwrap(read)
-        jumps += int((np.abs(np.diff(steady) - np.diff(angle[finite[:, s], s])) > 1.0).sum())
-        result[finite[:, s], s] = steady
-    return result, [f"{jumps} jump(s) of an angle by a full turn were removed"] if jumps else []
 
 
 def _layout(options: ColumnMapping, header: ColumnHeader) -> dict[str, StationColumns]:

@@ -16,12 +16,12 @@ from pydantic import Field
 from pliant.errors import InputError, clipped, inside
 from pliant.numerics.curve import planar_curve, spatial_curve
 from pliant.recording.clock import SECONDS, unwrapped
+from pliant.recording.column_arrays import pressure_unit, pressures_of
 from pliant.recording.column_names import bracketed_unit, is_time, parted, pressures_named, standard_names
 from pliant.recording.mapping import FileMapping, shorten
 from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import make_recording
 from pliant.recording.tables import find_delimiter, preamble_of, read_rows, read_text, split_cells
-from pliant.recording.wide_csv import pressure_unit, pressures_of
 from pliant.units import metre_per, radian_per
 
 if TYPE_CHECKING:

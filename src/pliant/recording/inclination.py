@@ -25,6 +25,7 @@ MOST_ASIDE = 0.15  # fraction of the rotation about other axes above which the h
 FIRST = 20  # frames in which a body is taken to be at rest
 STILL = 0.1  # of the largest rotation of a sensor: one that turns less, such as at the base, shows no plane
 SHAKEN = 0.1  # relative change of the measured gravity above which the history warns
+ONE_TURN = 2.1 * np.pi  # rad: a sensor that wraps after one turn reads no more; one that reads more does not wrap
 UP = np.array([0.0, 0.0, 1.0])  # of the fixed axes in which sensors state their orientation
 
 
@@ -274,3 +275,19 @@ def _upwards(turned: NDArray, known: NDArray) -> NDArray:
     angle = np.full(len(known), np.nan)
     angle[known] = turned * (np.sign(turned[np.argmax(np.abs(turned))]) or 1.0)
     return angle
+
+
+def whole_turns(angle: NDArray) -> tuple[NDArray, list[str]]:
+    """Remove the jumps of 360 degrees from the angles (T, S) [rad] of S sensors over T frames, and return them with a
+    history line that counts the jumps.
+    """
+    finite = np.isfinite(angle)
+    result, jumps = angle.copy(), 0
+    for s in range(angle.shape[1]):
+        read = angle[finite[:, s], s]
+        if read.size and np.ptp(read) > ONE_TURN:
+            continue
+        steady = np.unwrap(read)
+        jumps += int((np.abs(np.diff(steady) - np.diff(angle[finite[:, s], s])) > 1.0).sum())
+        result[finite[:, s], s] = steady
+    return result, [f"{jumps} jump(s) of an angle by a full turn were removed"] if jumps else []

@@ -123,3 +123,9 @@ def refuse_idle(mapping: Mapping[str, Any] | None, paths: Sequence[Path]) -> Non
         if name != "*" and not any(fits(str(name), path) for path in paths):
             raise InputError(f"the mapping is for files named {clipped(str(name))!r}, but no file is: "
                              f"{shorten([path.name for path in paths], 6)}; the name must be a part of a file's name")
+
+
+def named_in(entry: Any) -> set[str]:
+    """Return all texts in an entry of a mapping."""
+    inner = entry.values() if isinstance(entry, Mapping) else entry if isinstance(entry, list) else ()
+    return {entry} if isinstance(entry, str) else set().union(*(named_in(one) for one in inner))

@@ -13,7 +13,7 @@ from pliant.recording.apart import read_apart
 from pliant.recording.arrays import USUAL_NAMES, recording_from_arrays, trials_in_arrays
 from pliant.recording.column_names import SHAPES
 from pliant.recording.columns import trials_in_table
-from pliant.recording.mapping import shorten
+from pliant.recording.mapping import named_in, shorten
 from pliant.recording.npz import arrays_of
 from pliant.recording.registry import ENDINGS, Reader, describes_columns
 
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 NUMBERED = re.compile(r"[\[{]([0-9]+)[\]}]")  # of a struct or cell
 FIELD = re.compile(r"(.*?)\((\d{1,9})\)\.([^.(]+).*")  # of one of several structs
 VALUES = ".signals.values"
+SAVE_ARRAYS = ("of a table T save the columns, by S = table2struct(T, 'ToScalar', true); save('new.mat', '-struct', "
+               "'S'); of a timetable first T = timetable2table(T); T.t = seconds(T.Time - T.Time(1)); of a timeseries "
+               "or Dataset its arrays, such as t = ts.Time; p = ts.Data")  # fmt: skip
 NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
@@ -38,8 +41,7 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     """
     arrays, others, structs = stored_arrays(path)
     if not arrays and others:
-        raise InputError(f"{path.name} holds {shorten(others, 6)} and no array of numbers: of a timeseries, "
-                         "table or Dataset save its arrays, such as t = ts.Time; p = ts.Data")
+        raise InputError(f"{path.name} holds {shorten(others, 6)} and no array of numbers: {SAVE_ARRAYS}")
     options = {role: in_round_brackets(entry) for role, entry in (mapping or {}).items()}
     arrays = of_simulink(arrays, options)
     chosen = options.pop("struct", None)
@@ -52,7 +54,9 @@ def read_mat(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset
     try:
         return recording_from_arrays(arrays, options or None, path.name, others=others)
     except InputError as error:
-        raise InputError(f"{error}{listed_structs(structs) if chosen is None else ''}") from None
+        objects = [name for name in others if name.endswith(")")]
+        unread = f"; {shorten(objects, 6)} cannot be read: {SAVE_ARRAYS}" if objects else ""
+        raise InputError(f"{error}{listed_structs(structs) if chosen is None else ''}{unread}") from None
 
 
 def of_simulink(arrays: Mapping[str, NDArray], options: Mapping[str, Any]) -> dict[str, NDArray]:
@@ -86,12 +90,6 @@ def of_simulink(arrays: Mapping[str, NDArray], options: Mapping[str, Any]) -> di
     elif not clocks:
         rest[f"{struct}time"] = shared[0]
     return rest | {n: a for n, a in arrays.items() if n.removeprefix(struct) in entries}
-
-
-def named_in(entry: Any) -> set[str]:
-    """Return all texts in an entry of a mapping."""
-    inner = entry.values() if isinstance(entry, Mapping) else entry if isinstance(entry, list) else ()
-    return {entry} if isinstance(entry, str) else set().union(*(named_in(one) for one in inner))
 
 
 def frames_first(values: NDArray, count: int) -> NDArray:
@@ -216,7 +214,8 @@ def matlab_arrays(stored: Mapping[str, NDArray], facts: dict[str, Any]) -> tuple
         if name != path.replace("/", "."):  # a column of a compound data set: complex numbers
             others += [] if name in others else [name]
         elif attributes.get("MATLAB_class", "double") not in NUMERIC or stored[key].dtype.kind not in "iufb":
-            others.append(name)
+            is_object = "MATLAB_object_decode" in attributes
+            others.append(f"{name} ({attributes['MATLAB_class']})" if is_object else name)
         elif attributes.get("MATLAB_empty"):
             arrays[name] = np.zeros(0)
         else:

@@ -14,14 +14,18 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.files import is_sealed, seal, whole
 from pliant.recording.apart import read_apart
+from pliant.recording.clock import SECONDS
+from pliant.recording.mapping import named_in, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
-from pliant.recording.schema import COORDINATES, VARIABLES, check_recording
+from pliant.recording.schema import COORDINATES, VARIABLES, append_history, check_recording
+from pliant.units import METRE, PASCAL, standard_unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
     import xarray as xr
+    from numpy.typing import NDArray
 
 CLASSIC = b"CDF"  # first bytes of a classic netCDF file
 BROKEN_FILE = (OSError, ValueError, LookupError, RuntimeError, TypeError, AttributeError, NotImplementedError,
@@ -29,18 +33,55 @@ BROKEN_FILE = (OSError, ValueError, LookupError, RuntimeError, TypeError, Attrib
 
 
 def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Read a recording from a netCDF file that pliant wrote; arrays stored as float32 are returned as float64."""
-    if mapping:
-        raise InputError(f"{path.name} is netCDF, which needs no mapping: remove the mapping")
+    """Read a recording from a netCDF file that pliant wrote; arrays stored as float32 are returned as float64. Of any
+    other HDF5 file the mapping names the arrays, see `pliant.recording.arrays.ArrayMapping`.
+    """
     if is_sealed(path) is False:
         raise InputError(f"{path.name} is damaged: its checksum is not the one that it was written with; copy the "
                          "file again")
-    loaded = _decoded(path)["/"]
-    if loaded.attrs.get("schema") is None:
-        names = ", ".join(map(str, loaded.variables)) or "nothing"
-        raise InputError(f"{path.name} is netCDF, but not a recording that pliant wrote: build a recording from its "
-                         f"variables by make_recording; they are {names}")
-    return _in_memory(loaded)
+    arrays, facts = _stored(path)
+    if "schema" not in facts["groups"].get("", {}):
+        return _of_named(arrays, facts, mapping, path.name)
+    if mapping:
+        raise InputError(f"{path.name} is netCDF, which needs no mapping: remove the mapping")
+    return _in_memory(_decoded(arrays, facts, path.name)["/"])
+
+
+def _of_named(
+    arrays: Mapping[str, NDArray], facts: Mapping[str, Any], mapping: Mapping[str, Any] | None, file: str
+) -> xr.Dataset:
+    """Return the recording of an HDF5 file that pliant did not write, whose arrays have the names ``group.array`` or
+    ``table.column``; without the name of a group or table that holds all. Units that neither names nor the mapping
+    state are those of the attributes ``unit`` or ``units`` of the arrays that are read.
+    """
+    from pliant.recording.arrays import PRESSURE_NAMES, USUAL_NAMES, recording_from_arrays  # not for files of pliant
+    from pliant.recording.column_names import parted
+
+    names = {path: path.replace("/", ".").replace(":", ".") for path in facts["variables"]}
+    while all("." in name for name in names.values()) and len({n.partition(".")[0] for n in names.values()}) == 1:
+        names = {path: name.partition(".")[2] for path, name in names.items()}
+    numeric, others = {}, [path.replace("/", ".") for path in facts["others"]]
+    units = dict[str, str]()
+    for path, (key, _, attributes) in facts["variables"].items():
+        name = names[path]
+        if arrays[key].dtype.kind not in "iufb":
+            others.append(name)
+            continue
+        unit = standard_unit(str(attributes.get("unit", attributes.get("units", ""))))
+        units |= {name: unit} if unit in {*METRE, *PASCAL, *SECONDS} else {}
+        scale = SECONDS.get(unit, 1.0) if not parted(name.rpartition(".")[2])[1] else 1.0
+        numeric[name] = arrays[key] if scale == 1.0 else arrays[key] * scale
+    options = dict(mapping or {})
+    for entry, role, known in (("length_unit", "position", METRE), ("pressure_unit", "pressure", PASCAL)):
+        named = named_in(options.get(role)) or {*USUAL_NAMES.get(role, PRESSURE_NAMES)}
+        stated = {unit for name, unit in units.items() if name in named and unit in known}
+        if entry not in options and len(stated) > 1:
+            raise InputError(f"the arrays of {role} in {file} state several units ({', '.join(sorted(stated))}): write "
+                             f"them in one, or state {entry} in the mapping if the attributes are wrong")
+        options |= {entry: stated.pop()} if stated and entry not in options else {}
+    recording = recording_from_arrays(numeric, options or None, file, others=others)
+    said = f"units of {file} by its attributes: {shorten([f'{name} [{unit}]' for name, unit in units.items()])}"
+    return append_history(recording, said) if units else recording
 
 
 def read_groups(path: Path) -> dict[str, xr.Dataset]:
@@ -55,18 +96,22 @@ def read_groups(path: Path) -> dict[str, xr.Dataset]:
         When the file does not exist, is not netCDF, is damaged, or links to other files.
     """
     try:
-        return _decoded(path)
+        return _decoded(*_stored(path), path.name)
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
 
 
-def _decoded(path: Path) -> dict[str, xr.Dataset]:
-    """Return the groups of a file by path, read through a separate process, with the variables decoded."""
+def _stored(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """Return the arrays of a file and the facts about them, read through a separate process."""
     with path.open("rb") as file:
         if file.read(len(CLASSIC)) == CLASSIC:
             raise InputError(f"{path.name} is a classic netCDF file (version 3), which pliant does not read: convert "
                              f"it to netCDF 4, for example by `nccopy -k nc4 {path.name} NEW.nc`")
-    arrays, facts = read_apart("hdf5", path, "netCDF")
+    return read_apart("hdf5", path, "netCDF")
+
+
+def _decoded(arrays: Mapping[str, NDArray], facts: Mapping[str, Any], file: str) -> dict[str, xr.Dataset]:
+    """Return the groups of a file by path, with the variables decoded."""
     import xarray as xr  # not before: it is imported while the helper reads
 
     try:
@@ -81,7 +126,7 @@ def _decoded(path: Path) -> dict[str, xr.Dataset]:
         }  # fmt: skip
     except BROKEN_FILE as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise InputError(f"{path.name} cannot be read as netCDF; it may be damaged, so copy it again: "
+        raise InputError(f"{file} cannot be read as netCDF; it may be damaged, so copy it again: "
                          f"{reason}") from None
 
 

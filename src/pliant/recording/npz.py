@@ -53,6 +53,10 @@ def read_arrays(stream: BinaryIO, size: int, name: str) -> dict[str, Any]:
     except InputError:
         raise
     except BROKEN as error:
+        if "allow_pickle" in str(error):
+            raise InputError(f"{name} holds Python objects, such as a dict, which are not read as they may run code: "
+                             "save its arrays under names, such as numpy.savez('name.npz', time=t, position=x, "
+                             "p_kpa=p)") from None
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise InputError(f"{name} cannot be read as .npz; it may be damaged, so copy it again: {reason}") from None
     if announced != len(arrays):

@@ -29,6 +29,7 @@ MARKS = ("-", "--", "N/A", "n/a", "#N/A", "None", "none", "NULL", "Null", "nil",
          "#NAME?", "-nan", "-NaN", "nan(ind)", "-nan(ind)", "1.#QNAN", "-1.#IND")  # of missing numbers, in rows alone
 # narrower than float(), which also takes 1_000 and digits of other scripts
 NUMBER = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|infinity)", re.IGNORECASE)
+COPY = "copy of column "  # begins the name of a column that repeats another, which a sentence names already
 DELIMITERS = (";", "\t", "|", ",")  # the first of them in a header line is its delimiter
 WIDE = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 ASCII = 127
@@ -150,6 +151,13 @@ def count_cells(line: str, delimiter: str | None) -> int:
 def repeated_names(names: Sequence[str]) -> list[str]:
     """Return, sorted, each name that occurs more than once in a list of names."""
     return sorted(name for name, count in Counter(names).items() if count > 1)
+
+
+def without_dots(name: str) -> str:
+    """Return the name of a station, chamber or tendon without dots, which in the names of parameters follow that of the
+    part.
+    """
+    return name.replace(".", "_")
 
 
 def whole_number(text: str) -> int | None:

@@ -5,6 +5,7 @@ counted in a sentence, and the lines keep their numbers.
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from itertools import accumulate
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,6 +13,7 @@ from pliant.recording.column_names import is_time
 from pliant.recording.instrument_tables import as_table
 from pliant.recording.joined_runs import with_runs
 from pliant.recording.tables import (
+    COPY,
     DELIMITERS,
     MARKS,
     MOST_PREAMBLE,
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 COMMENTS = ("#", "%", "//")
+WIDE = 4  # cells of a table whose lines of a title may be filled up
 SAMPLE, MOST_BELOW, NEAR = 20, 40, 3  # rows that show the delimiter; at most: rows below a table, lines to its names
 AXIS = re.compile(r"(?:.*[\W_])?[xyz](?:[\W_].*)?", re.IGNORECASE)
 SUMMARIES = {"mean", "average", "avg", "std", "stdev", "std dev", "sd", "min", "max", "minimum", "maximum", "median",
@@ -67,7 +70,16 @@ def table_lines(
     """
     text, encoding = encoded_text(path)
     notes = [f"{path.name} is read as {encoding} text"] if encoding else []
-    lines, name = text.split("\n"), path.name
+    table = tidied(text, path.name, skip_lines, delimiter, header, events)
+    return TableText([*table.lines], [*notes, *table.notes], table.runs)
+
+
+@lru_cache(maxsize=1)  # a table is read several times, by different rules
+def tidied(
+    text: str, name: str, skip_lines: int | None, delimiter: str | None, header: bool | None, events: bool,
+) -> TableText:
+    """Return the lines of the text of a table; see `table_lines`."""
+    lines, notes = text.split("\n"), list[str]()
     if skip_lines is None:
         lines, more = as_table(lines, name)
         notes += more
@@ -75,7 +87,7 @@ def table_lines(
         if line.startswith(COMMENTS[1:]):
             lines[k] = "#" + line.lstrip("%/")
     stated = delimiter is not None
-    for step in (names_above, one_delimiter, one_row_of_names, without_rows_below, without_comments,
+    for step in (without_fill, names_above, one_delimiter, one_row_of_names, without_rows_below, without_comments,
                  *((without_events,) if events else ()), with_units_of_cells, without_separators,
                  without_copies):  # fmt: skip
         first = first_row(lines, preamble_of(lines) if skip_lines is None else skip_lines)
@@ -84,7 +96,7 @@ def table_lines(
         mark = delimiter_of(lines[first], delimiter)
         if (header is False and step in (names_above, one_row_of_names)) or (stated and step is one_delimiter):
             continue
-        if skip_lines is not None and step is names_above:
+        if skip_lines is not None and step in (names_above, without_fill):
             continue
         notes += step(lines, first, mark, name)
     first = first_row(lines, preamble_of(lines) if skip_lines is None else skip_lines)
@@ -122,6 +134,28 @@ def following(lines: Sequence[str], first: int) -> list[int]:
 def is_named(cells: Sequence[str]) -> bool:
     """Return whether a row of cells holds words and no number."""
     return any(cells) and not any(holds_number(cell) for cell in cells if cell)
+
+
+def without_fill(lines: list[str], first: int, mark: str | None, _name: str) -> list[str]:
+    """Leave out the delimiters by which a spreadsheet fills up lines of a title, at most half of whose cells hold a
+    text, above a row of names that says the time and is wider.
+    """
+    filled: list[int] = []
+    for k in range(first, min(len(lines), MOST_PREAMBLE)):
+        cells = split_cells(lines[k], mark)
+        text = len(list(filter(None, cells)))
+        if mark is None or len(cells) != count_cells(lines[first], mark) or len(cells) < WIDE:
+            return []
+        if is_named(cells) and text >= len(cells) - 1 and any(map(is_time, cells)):
+            break
+        if any(cells[text:]) or 2 * text > len(cells):
+            return []
+        filled.append(k)
+    else:
+        return []
+    for k in filled:
+        lines[k] = lines[k].rstrip(f"{mark} ")
+    return []
 
 
 def names_above(lines: list[str], first: int, mark: str | None, name: str) -> list[str]:
@@ -291,7 +325,7 @@ def without_copies(lines: list[str], first: int, mark: str | None, name: str) ->
     copies = {k: begin for k, begin in firsts.items() if k > begin and columns[k] == columns[begin]}
     if not copies:
         return []
-    lines[first] = joined([f"copy_{copies[k]}" if k in copies else title for k, title in enumerate(names)], mark)
+    lines[first] = joined([f"{COPY}{k}" if k in copies else title for k, title in enumerate(names)], mark)
     listed = ", ".join(names[k][:40] for k in copies)
     return [f"{len(copies)} column(s) of {name} repeat another by name and in every row, and are left out: {listed}"]
 

@@ -75,6 +75,25 @@ def held(recording: xr.Dataset, hold: bool | None, file: str) -> xr.Dataset:
     return recording.assign_attrs(history="\n".join(filter(None, lines)))
 
 
+def prolonged(log: xr.Dataset, duration: float) -> xr.Dataset:
+    """Return a log of inputs whose last row keeps its value until the log is `duration` [s] long, as a shape that was
+    recorded longer; unchanged if its rows are not held or it is longer already. The history says so.
+    """
+    for name in (name for name in CLOCKS if name in log and log[name].attrs.get(BETWEEN) == HELD):
+        clock = log[CLOCKS[name]]
+        missing = duration - float(np.ptp(clock.values))
+        if missing <= EVERY_S:
+            continue
+        every = max(EVERY_S, missing / MOST)
+        added = float(clock.values[-1]) + np.linspace(0.0, missing, int(np.ceil(missing / every)) + 1)[1:]
+        times = np.concatenate([clock.values, added])
+        rows = np.minimum(np.arange(len(times)), clock.size - 1)
+        line = f"the last row of {name} is held for {missing:.3g} s more, to the end of the shape"
+        log = log.isel({CLOCKS[name]: rows}).assign_coords({CLOCKS[name]: (CLOCKS[name], times, clock.attrs)})
+        log = log.assign_attrs(history="\n".join(filter(None, [str(log.attrs.get("history", "")), line])))
+    return log
+
+
 def held_samples(clock: NDArray) -> tuple[NDArray, NDArray]:
     """Return sample times (M,) [s] and the row (M,) that each of them shows, for the P rows of a table at the times
     `clock` (P,) [s]. There is a sample every 10 ms, at each row, and just before it.

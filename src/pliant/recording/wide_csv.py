@@ -24,15 +24,16 @@ from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
 from pliant.recording.cells import empty_markers, with_seconds, without_marks, without_trailing
 from pliant.recording.clock import unwrapped, without_repeats
+from pliant.recording.column_arrays import pressure_unit, pressures_of
 from pliant.recording.column_names import (
     CLOCKS,
     COARSE,
-    WORDS,
     base_to_tip,
     parted_clock,
     pressures_named,
     refuse_pixels,
     standard_names,
+    unit_of,
     unitless_pressures,
     unread_columns,
 )
@@ -43,6 +44,7 @@ from pliant.recording.registry import ENDINGS, Reader
 from pliant.recording.schema import COMPONENTS, check_recording, make_recording
 from pliant.recording.stated import WARNING, Reading, Stated
 from pliant.recording.tables import (
+    COPY,
     WIDE,
     delimiter_of,
     find_delimiter,
@@ -57,7 +59,7 @@ from pliant.recording.tables import (
 )
 from pliant.recording.tidy import table_lines
 from pliant.recording.units_row import with_units
-from pliant.units import PASCAL, metre_per, pascal_per
+from pliant.units import PASCAL, metre_per
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -66,6 +68,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+FEW = 4  # columns of a log that may all be sensors
 KINDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "angle")
 HELD = frozenset((  # variables and coordinates that a table and its metadata hold
     "time", "station", "axis", "component", "position", "quaternion", "angle", "arc_length", "pressure",
@@ -275,7 +278,7 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
         columns = {n: values for n, values in columns.items() if n not in empty}
         history.append(f"{len(empty)} column(s) of pressure of {file} hold no number, left out: {shorten(empty)}")
     pressure, chamber = pressures_of(columns)
-    ignored = [n for n in columns if not is_known(n)]
+    ignored = [n for n in columns if not is_known(n) and not n.startswith(COPY)]
     if ignored:
         history.append(f"{len(ignored)} column(s) of {file} have unknown names and were left out: {shorten(ignored)}")
         if len(bent := [name for name in ignored if BENT.match(name)]) > 1:
@@ -291,9 +294,8 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
         arrays, more = _stations(columns, labels, metadata, file)
         history += more
     elif pressure is None:
-        bare = [f"state pressure_unit in its mapping for {shown(name)}" for name in unitless_pressures(ignored)]
-        remedy = [*bare, *unread_columns(ignored, file), "rename them or give a mapping"][0]
-        raise InputError(f"{file} has neither columns of stations (x_000, ...) nor of pressure (p_kpa): {remedy}")
+        raise InputError(f"{file} has neither columns of stations (x_000, ...) nor of pressure (p_kpa): "
+                         f"{remedy(ignored, file)}")
     time, wrapped = unwrapped(columns[clock], CLOCKS[clock], file)
     history += wrapped
     used = np.stack([columns[name] for name in columns if is_known(name) and name not in CLOCKS], axis=1)
@@ -306,6 +308,16 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
             time if labels else None, pressure=pressure, pressure_time=None if pressure is None else time,
             chamber=chamber, history=[metadata.get("history", ""), *history], **arrays, **_kept(metadata),
         )  # fmt: skip
+
+
+def remedy(unread: list[str], file: str) -> str:
+    """Return how to read a pressure from the columns that were not read, for a message."""
+    bare = [f"state pressure_unit in its mapping for {shown(name)}" for name in unitless_pressures(unread)]
+    unit = next(filter(None, (unit_of(name, PASCAL) for name in unread)), "kPa")
+    hint = f"its columns are {shorten(unread, 12)}" if len(unread) > FEW else (
+        f"for sensors: pressure = {{ columns = {json.dumps(unread, ensure_ascii=False)}, unit = {unit!r}, "
+        "scale = 1.0, zero = 0.0 }")
+    return [*bare, *unread_columns(unread, file), f"rename them or give a mapping; {hint}"][0]
 
 
 def _station_labels(columns: dict[str, NDArray]) -> list[str]:
@@ -357,30 +369,6 @@ def _stations(
 def is_known(name: str) -> bool:
     """Return whether the name of a column is that of a time, a coordinate of a station or a pressure."""
     return name in (*CLOCKS, "p") or bool(STATION_COLUMN.fullmatch(name)) or pressure_unit(name) is not None
-
-
-def pressure_unit(name: str) -> str | None:
-    """Return the unit in the name of a pressure column, such as ``p_kpa``; None for any other column."""
-    parts = name.split("_")
-    if name.lower() in PASCAL:  # a small logger's psi, kPa or mbar
-        return name
-    return parts[1] if len(parts) >= 2 and parts[0] == "p" and parts[1].lower() in {*PASCAL} - WORDS else None
-
-
-def pressures_of(columns: dict[str, NDArray]) -> tuple[NDArray | None, list[str] | None]:
-    """Return the pressures [Pa] in the pressure columns of a table with T rows, and the names of the chambers. A single
-    column without a chamber name, such as ``p_kpa``, gives (T,) and no names. C columns, such as ``p_kpa_left``, give
-    (T, C) and C names.
-    """
-    units = {name: unit for name in columns if (unit := pressure_unit(name))}
-    if "p" in columns:
-        raise InputError("the column p does not state its unit: rename it p_kpa, p_bar, p_psi or p_pa")
-    if not units:
-        return None, None
-    values = [columns[name] * pascal_per(unit) for name, unit in units.items()]
-    if len(units) == 1 and next(iter(units)).count("_") <= 1:
-        return values[0], None
-    return np.stack(values, -1), ["_".join(name.split("_")[2:]) or "p" for name in units]
 
 
 def _kept(metadata: dict[str, Any]) -> dict[str, Any]:

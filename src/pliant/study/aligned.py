@@ -18,6 +18,7 @@ from pliant.preprocessing.side import x_sign
 from pliant.preprocessing.sync import shift_pressure, sync
 from pliant.recording import append_history, read
 from pliant.recording.inputs import inputs_on_one_clock
+from pliant.recording.typed_steps import prolonged
 from pliant.simulation.forces import PointForce
 from pliant.study.body import in_base_frame
 from pliant.study.schema import Recording
@@ -77,6 +78,7 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
     """Return the recording with the pressure, and other inputs, added from a separate log file. They stay on the log's
     own clock.
     """
+    log = prolonged(log, float(np.ptp(recording["time"].values)))
     inputs = {variable: log[variable] for variable in ("pressure", "actuation") if variable in log}
     if not inputs:
         raise InputError(f"recording {name}: {file} holds no pressure or other input: state its columns in "

@@ -29,6 +29,7 @@ from pliant.study.long_tables import refuse_long
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import (
     PlainTable,
+    parted_by_unit,
     parted_times,
     plain_table,
     sensors_by_name,
@@ -187,12 +188,13 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     clock = next((k for k in clocks if runs(table.values[:, k])), None)
     if clock is None:  # read as stated, it is refused by the rows in which it goes back
         clock = next((k for k in clocks if parted(table.names[k])[0] in CLOCKS and table.changes(k)), None)
-    parts = parted_clock(table.names) if clock is None else None
+    parts = parted_clock(table.names) if clock is None else parted_by_unit(table)
     used |= {parts.seconds, parts.fraction} if parts else set()
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
     rest = [k for k in rest if k != trial]
     timed, of_times = clock_entries(table, clock, stations)
+    clock = None if parts else clock
     if parts:
         timed = {"time": [table.names[parts.seconds], table.names[parts.fraction]], "time_unit": parts.unit}
     mapping: dict[str, Any] = {"header": True, **delimited(table), **timed}
@@ -279,6 +281,8 @@ def is_smooth(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[in
 def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[int]]]) -> tuple[str, str]:
     """Return the unit of the positions, by the names of their columns or else by their range, and a sentence on it."""
     columns = [k for parts in stations.values() for k in parts["position"]]
+    if {"frame_idx", "instance.score"} <= {*table.names}:
+        return PIXEL, "points of SLEAP are in pixels"
     if table.names:
         units = {unit_of(table.names[k], (*METRE, PIXEL)) for k in columns}
         if len(units) == 1 and (unit := units.pop()):
@@ -340,7 +344,7 @@ def posed(table: PlainTable) -> tuple[dict[str, dict[str, list[int]]], str]:
     """
     begins: list[int] = []
     for k in range(3, table.values.shape[1] - 3):
-        if k >= (begins[-1] if begins else -4) + 7 and is_rotation(table.values[:, k : k + 4]):
+        if k >= (begins[-1] if begins else -4) + 7 and table.turns(range(k, k + 4)):
             begins.append(k)
     if not begins:
         return {}, ""
@@ -372,12 +376,6 @@ def runs(values: Array) -> bool:
     step = np.diff(values[np.isfinite(values)])
     rising, falling = int(np.sum(step > 0)), int(np.sum(step < 0))
     return rising >= max(1, 2 * falling)
-
-
-def is_rotation(values: Array) -> bool:
-    """Return whether four columns (T, 4) are quaternions of norm 1 in nearly all rows."""
-    norm = np.linalg.norm(values, axis=1)
-    return bool(np.mean(np.abs(norm - 1) < 1e-2) > 0.95)
 
 
 def on_one_body(position: Array) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,6 +13,7 @@ from pliant.options import with_defaults
 from pliant.preprocessing.plausibility import Case
 from pliant.preprocessing.plausibility.pressure import ABSOLUTE
 from pliant.preprocessing.plausibility.together import copies, exchanged
+from pliant.recording.column_names import words_of
 from pliant.recording.columns import CHANGING
 from pliant.recording.inputs import recorded_inputs
 from pliant.recording.schema import history_of
@@ -33,6 +35,7 @@ from pliant.study.draft_tables import (
     weight,
     without_load,
 )
+from pliant.study.first_reading import UNUSED
 from pliant.study.inspected import Inspected, inspect_all
 from pliant.study.toml_text import Lines
 from pliant.study.trial import Trial
@@ -183,13 +186,21 @@ def sentence(check: DraftCheck) -> str:
 
 
 def unexplained(trial: Trial) -> list[str]:
-    """Return a warning if a recording has no inputs, and its file has further columns that change: one of them may be
-    what moves the body.
+    """Return a warning if a recording has no inputs, and its file has further columns that change, or arrays, topics or
+    channels that were not read: one of them may be what moves the body.
     """
     if recorded_inputs(trial.recording) or trial.asks_inputs:
         return []
     return [f"{line}; if one of them moves the body, name it as pressure or inputs in a mapping"
-            for line in history_of(trial.recording) if line.startswith(CHANGING)]
+            for line in history_of(trial.recording) if line.startswith(CHANGING) or UNUSED.match(line)]
+
+
+def several_bases(trial: Trial) -> dict[str, str]:
+    """Return a warning if stations of several bodies say base, as armA_base and armB_base do, but not base_1 and 2."""
+    bases = {re.sub(r"[\W_\d]+|base", "", name.lower()): name for name in trial.names if "base" in words_of(name)}
+    said = (f"{' and '.join(bases.values())} say base: if they are on two bodies, state the stations of one in each "
+            "recording, and correct the length")  # fmt: skip
+    return {"several bases": said} if len(bases) > 1 else {}
 
 
 def trial_doubts(inspected: Inspected, case: Case) -> tuple[str, ...]:
@@ -205,6 +216,7 @@ def trial_doubts(inspected: Inspected, case: Case) -> tuple[str, ...]:
         known = case if trial.has_scale else replace(case, length=None)
         for check, line in body_warnings(known, trial.grouped, trial.aligned if trial.has_scale else None).items():
             warnings.setdefault(check, line)
+    warnings |= several_bases(inspected.first)
     warnings |= {f"{trial.name} {CHANGING}": line for trial in trials for line in unexplained(trial)}
     warnings |= {f"{trial.name} {line}": f"{trial.path.name}: {line.removeprefix(WARNING)}" for trial in trials
                  if trial.angles_only for line in history_of(trial.recording) if line.startswith(WARNING)}

@@ -11,9 +11,11 @@ import numpy as np
 import xarray as xr
 
 from pliant.preprocessing.detectors import without_spikes
-from pliant.recording.inputs import RecordedInput, inputs_at
+from pliant.recording.column_names import words_of
+from pliant.recording.inputs import RecordedInput, inputs_at, recorded_inputs
 from pliant.study.first_reading import several
-from pliant.study.inspected import Inspected, name_of_part
+from pliant.study.input_guess import COMMANDED
+from pliant.study.inspected import Inspected
 from pliant.study.kinds import levels_by_name, named_kind
 from pliant.study.shorthand import OPEN
 from pliant.study.tendon_ends import end_of_bend, ends_of_held_tendons, even_bend
@@ -46,7 +48,7 @@ def input_names(inspected: Inspected) -> list[str]:
     """Return the names of the model's inputs; [] for a single pressure, which has no name."""
     if inspected.poses and not inspected.driven.tendon_inputs and not inspected.channels:
         return list(levels_by_name(inspected.trials)[inspected.first.name])
-    return [*inspected.channels, *(name_of_part(signal.name) for signal in inspected.driven.tendon_inputs)]
+    return [*inspected.channels, *inspected.tendons]
 
 
 def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
@@ -129,8 +131,9 @@ def tendons(out: Lines, inspected: Inspected) -> None:
     shown = [] if trial.aligned is None else azimuths(trial.aligned, away=False)[-len(trial.tendon_inputs) :]
     ends = [] if trial.aligned is None or trial.angles_only else \
         tendon_ends(trial.aligned, len(trial.tendon_inputs), held=displaced)
+    names = {channel: name for name, channel in inspected.tendons.items()}
     for k, signal in enumerate(trial.tendon_inputs):
-        name = name_of_part(signal.name)
+        name = names[signal.name]
         out.item("actuator.tendons", name)
         out.put("driven_by", signal.kind, "as its column says" if trial.guess else "as the mapping states")
         azimuth_of(out, round(ends[k][0] if ends else shown[k]) if shown else None)
@@ -172,7 +175,8 @@ def can_be_slack(inspected: Inspected) -> list[str]:
     than like themselves: tendons that were let out hang slack. Settled poses show it; a motor that turns is taken as
     one with two opposite tendons.
     """
-    names = [name_of_part(pull.name) for pull in inspected.driven.tendon_inputs
+    named = {channel: name for name, channel in inspected.tendons.items()}
+    names = [named[pull.name] for pull in inspected.driven.tendon_inputs
              if pull.kind == "displacement" and both_ways(pull)]  # fmt: skip
     if not names or not inspected.poses:
         return []
@@ -203,10 +207,14 @@ def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
     """
     recorded = several(trial.recording)
     driving = {name: channel for name, channel in inspected.channels.items() if channel in recorded}
-    driving |= {name_of_part(signal.name): signal.name for signal in trial.tendon_inputs}
+    measured = {signal.name for signal in trial.tendon_inputs}
+    driving |= {name: channel for name, channel in inspected.tendons.items() if channel in measured}
     if driving:
         out.put("drive", driving, "input of the model = channel of the recording")
-    if trial.tendon_inputs:
+    moving = [s for s in recorded_inputs(trial.recording) if np.unique(s.values[np.isfinite(s.values)]).size > 1]
+    if moving and all(COMMANDED & set(words_of(signal.name)) for signal in moving):
+        out.put("signal", "commanded", 'set points by their names, which the body follows with a lag; or "measured"')
+    elif trial.tendon_inputs:
         out.put("signal", "measured", 'or "commanded" for a set point, which the motor follows with a lag')
     if trial.quality.input_held:
         out.put("staircase", "lines", "the log holds inputs between updates; the model joins the changes by lines")

@@ -63,7 +63,7 @@ def recording(
         columns(out, trial.guess, inspected)
     elif trial.mapping:
         out.put("mapping", trial.mapping)
-    if not kind.poses and (moving := moving_beside(trial)) is not None:
+    if not (kind.poses and trial.options) and (moving := moving_beside(trial)) is not None:
         out.put("stations", moving, "the stations that move, tip last")
     kind.entries(out, candidate)
     payload(out, trial)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,8 +55,7 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
         return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
     shown = shape_variable(recording)
     shape = bool(shown) or "strain" in recording
-    dotted = not stated and named_by_a_path(recording)
-    unfit = dotted or (not stated and too_large(recording))
+    unfit = not stated and too_large(recording)
     if shown == "angle" and (directed := curved(path, stated)):
         return directed
     if recording.sizes.get("station") == 1 and shown == "position":
@@ -65,15 +65,7 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
     guess = guessed_table(path, stated)
     if guess is None or (shape and not (guess.has_inputs or guess.trials or unfit)) or "select" in stated:
         return FirstReading(recording, {})
-    again = read_shape(path, guess.readable)
-    kept = not dotted or holds_as_much(again, recording)
-    return FirstReading(again, guess.assumed, guess) if kept else FirstReading(recording, {})
-
-
-def holds_as_much(guessed: xr.Dataset, recording: xr.Dataset) -> bool:
-    """Return whether a guessed reading holds all variables, sizes and the frame of what the file states."""
-    return ({*recording.variables} <= {*guessed.variables} and recording.sizes == guessed.sizes
-            and recording.attrs.get("frame") == guessed.attrs.get("frame"))
+    return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
 
 
 def curved(path: Path, stated: Mapping[str, Any]) -> FirstReading | None:
@@ -90,11 +82,6 @@ def too_large(recording: xr.Dataset) -> bool:
         return False
     position = recording["position"].values
     return max(extent(position[..., axis]) for axis in range(position.shape[-1])) > MILLIMETRES
-
-
-def named_by_a_path(recording: xr.Dataset) -> bool:
-    """Return whether a station has a dot in its name, as in field.pose, by which no parameter can be named."""
-    return "station" in recording.dims and any("." in str(name) for name in recording["station"].values)
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -120,6 +107,7 @@ def several(recording: xr.Dataset) -> list[str]:
     return names if len(names) > 1 else []
 
 
+UNUSED = re.compile(r"\d+ (?:array|topic|channel)\(s\) of ")  # begins the sentence on what was not read
 WORD = re.compile(r"[a-z]+|[0-9]+")
 LOGS = (".csv", ".txt", ".tsv", ".log", ".dat", ".mat", ".npz", ".lvm", ".tdms", ".mcap", ".db3")
 
@@ -160,15 +148,14 @@ def with_logs(files: Sequence[Path], mapping: Mapping[str, Any] | None = None) -
             both = f"; {shape.name} has {other.name} already" if shape is not None and other is not None else ""
             raise InputError(f"{log.name} holds inputs alone, and a study needs the shape too: add the recording to "
                              f"which it belongs, with a similar name, such as push_3.csv for push_3_log.csv{both}, or "
-                             f"name its positions in a mapping{perhaps_a_place(log, options)}")
+                             f"name its positions in a mapping{perhaps_a_place(read(log, mapping=options or None))}")
         pairs[shape] = pairs[shape]._replace(log=log, log_options=options or None)
     return [part for pair in in_folders([*pairs.values()]) for part in by_trial(pair)]
 
 
-def perhaps_a_place(log: Path, options: dict[str, Any]) -> str:
-    """Return the line of the history of a log that names columns which may be a place, if there is one."""
-    lines = history_of(read(log, mapping=options or None))
-    return "".join(f" ({line})" for line in lines if line.startswith(PERHAPS_A_PLACE))
+def perhaps_a_place(log: xr.Dataset) -> str:
+    """Return the lines of the history of a log that name columns, arrays or topics which may be a place."""
+    return "".join(f" ({line})" for line in history_of(log) if line.startswith(PERHAPS_A_PLACE) or UNUSED.match(line))
 
 
 def in_folders(pairs: list[WithLog]) -> list[WithLog]:
@@ -205,7 +192,10 @@ def shape_of(log: Path, shapes: Sequence[Path]) -> Path | None:
     shared = {f: (words & Counter(WORD.findall(f.stem.lower()))).total() for f in shapes}
     most = max(shared.values(), default=0)
     best = [f for f, count in shared.items() if count == most]
-    return best[0] if most and len(best) == 1 else None
+    alike = {f: sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(log.stem, f.stem, strict=False)))
+             for f in best}  # the letters with which both begin: cam1_log belongs to cam1DLC_resnet50_1
+    longest = [f for f in best if alike[f] == max(alike.values())]
+    return longest[0] if most and len(longest) == 1 else None
 
 
 def inputs_alone(path: Path, options: dict[str, Any] | None) -> dict[str, Any] | None:

@@ -4,6 +4,7 @@ and values.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -31,6 +32,8 @@ METRES = 0.5  # a smaller range of displacements without a unit is in metres
 VALVES = {*WORDS["pressure"], "p", "solenoid", "pwm", "duty", "regulator", "pump", "compressor", "inflate", "inflation"}
 ABSOLUTES = {"abs", "absolute"}
 PERCENT = {"%", "percent", "pct"}  # of a valve's duty or opening, which is 0 without pressure
+CONVERTER = re.compile(r"(?:.*[\W_])?(?:adc|ai)_?[0-9]{1,2}(?:[ _]?[\[(]?(?:v|volts?|counts?|raw)[\])]?)?",
+                       re.IGNORECASE)  # fmt: skip
 SERVOS = {"dxl", "dynamixel"}  # whose positions are angles
 COUNTED = {"v", "volt", "volts", "mv", "ma", "counts", "count", "adc", "dac", "raw", "bit", "bits", "lsb"}
 OTHER_UNITS = {*COUNTED, *PERCENT, "a", "w", "hz", "ohm", "kohm", "rpm", "m/s", "mm/s", "cm/s", "deg/s", "rad/s"}
@@ -89,12 +92,16 @@ def lone_input(table: PlainTable, k: int) -> tuple[str, str]:
         return "steps" if table.whole(k) else "angle", ""
     if is_bare_pressure(table, k):
         return "pressure", ""
+    if CONVERTER.fullmatch(table.names[k]):
+        return RAW, "adc"
     return (RAW, "%") if "pwm" in words and not OTHER_WORDS & set(words) else ("", "")
 
 
 def is_place_of_servo(words: Sequence[str]) -> bool:
     """Return whether words such as dxl, 1, present, position say the angle of a servo, not its current or load."""
     others = {word for word in words if not word.isdigit()} - SERVOS
+    if words[:1] == ["present"] and {"position", "pos"} & others:  # beside goal_position, of a servo
+        return True
     return bool(SERVOS & set(words)) and (not others or bool({"position", "pos"} & others))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations, count, permutations, takewhile
@@ -15,6 +15,7 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.preprocessing.plausibility.together import alike
 from pliant.recording.column_names import words_of
+from pliant.recording.tables import without_dots
 from pliant.study.column_guess import guessed_table
 from pliant.study.first_reading import several, with_logs
 from pliant.study.kinds import STILL, Kind, PoseOfFile, PoseOfRow, UnrecordedPressure, WithoutCause, recognised
@@ -102,6 +103,12 @@ class Inspected:
         """Return the files if nothing in any of them shows what moves the body, else []."""
         unexplained = all(isinstance(kind, WithoutCause) for kind in self.kinds.values())
         return list(dict.fromkeys(trial.path for trial in self.trials)) if unexplained else []
+
+    @property
+    def tendons(self) -> dict[str, str]:
+        """Return the recorded input of each tendon of the model, by the tendon's name."""
+        signals = dict.fromkeys(s.name for trial in (self.driven, *self.trials) for s in trial.tendon_inputs)
+        return dict(zip(names_of_parts([*signals], self.channels), signals, strict=True))
 
     def excited_by(self, excitation: str) -> bool:
         """Return whether some recording has this excitation."""
@@ -228,18 +235,19 @@ def channels_of(trials: Sequence[Trial]) -> dict[str, str]:
             channels[stem] = middle
         else:
             channels |= {name: name for name in members}
-    named: dict[str, str] = {}
-    for name, channel in shortened(channels).items():
-        free = (part for k in count(1) if (part := name_of_part(name) + (f"_{k}" if k > 1 else "")) not in named)
-        named[next(free)] = channel
-    return named
+    short = shortened(channels)
+    return dict(zip(names_of_parts([*short]), short.values(), strict=True))
 
 
-def name_of_part(channel: str) -> str:
-    """Return the name of the chamber or tendon that a recorded channel drives: without dots, which in the names of
-    parameters follow that of the part.
+def names_of_parts(channels: Sequence[str], taken: Collection[str] = ()) -> list[str]:
+    """Return the names of the chambers or tendons that recorded channels drive: without dots, and with a number behind
+    a name that is `taken` or repeats another.
     """
-    return channel.replace(".", "_")
+    names: list[str] = []
+    for channel in channels:
+        free = (without_dots(channel) + (f"_{k}" if k > 1 else "") for k in count(1))
+        names.append(next(name for name in free if name not in {*names, *taken}))
+    return names
 
 
 def shortened(channels: Mapping[str, str]) -> dict[str, str]:

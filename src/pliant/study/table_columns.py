@@ -19,7 +19,17 @@ from pliant.recording.cells import (
     with_states,
     without_trailing,
 )
-from pliant.recording.column_names import NUMBERED, base_to_tip, is_no_place, standard_names, stations_of, words_of
+from pliant.recording.column_names import (
+    NUMBERED,
+    PartedClock,
+    base_to_tip,
+    is_no_place,
+    is_time,
+    parted,
+    standard_names,
+    stations_of,
+    words_of,
+)
 from pliant.recording.tables import (
     DELIMITERS,
     holds_number,
@@ -38,7 +48,7 @@ TURNING = {"q", "quat", "quaternion", "orientation"}
 ACCELERATIONS = {"a", "acc", "accel", "acceleration", "linear_acceleration"}
 TURNS = {*TURNING, "ori", "rot"}
 SENSOR = (r"(?P<kind>q|quat|quaternion|orientation|ori|rot|a|acc|accel|acceleration|linear_acceleration|g|grav|gravity)"
-          r"_?(?P<axis>[xyzw])")  # fmt: skip
+          r"_?(?P<axis>[xyzw0-3])")  # fmt: skip
 SENSED = (re.compile(rf"(?:(?P<owner>.+?)_)?(?:imu_)?{SENSOR}(?:_m_s_?2?)?"),
           re.compile(rf"{SENSOR}_(?P<owner>.+?)(?:_m_s_?2?)?"))  # fmt: skip
 
@@ -59,6 +69,11 @@ class PlainTable:
         """Return whether column k changes."""
         known = self.values[np.isfinite(self.values[:, k]), k]
         return bool(known.size and np.ptp(known) > 0)
+
+    def turns(self, columns: Sequence[int]) -> bool:
+        """Return whether four columns are quaternions of norm 1 in nearly all rows."""
+        norm = np.linalg.norm(self.values[:, list(columns)], axis=1)
+        return bool(np.mean(np.abs(norm - 1) < 1e-2) > 0.95)
 
     def whole(self, k: int) -> bool:
         """Return whether column k holds whole numbers alone."""
@@ -110,6 +125,23 @@ def parted_times(table: PlainTable) -> tuple[int, int, str] | None:
     return None
 
 
+def parted_by_unit(table: PlainTable) -> PartedClock | None:
+    """Return the columns of whole seconds and of their fraction that one name and two units state, such as timestamp_s
+    and timestamp_us; None for other tables, as those that state the whole time in both.
+    """
+    for unit, count in (("us", 1e6), ("ns", 1e9)):
+        for k, name in enumerate(table.names):
+            title, stated = parted(name)
+            j = next((j for j, other in enumerate(table.names) if stated == "s" and parted(other) == (title, unit)), k)
+            whole, part = table.values[:, k], table.values[:, j]
+            if j == k or not (is_time(name) and table.whole(k) and table.whole(j)):
+                continue
+            begins_anew = (np.diff(part) < 0).any() and not np.median(np.diff(whole))
+            if begins_anew and 0 <= np.nanmin(part) <= np.nanmax(part) < count:
+                return PartedClock(k, j, unit)
+    return None
+
+
 def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
     """Return the stations whose x, y and z (and quaternion) columns the names show: name -> column indices."""
     parts: dict[str, dict[str, int]] = {}
@@ -150,8 +182,12 @@ def sensors_by_name(table: PlainTable) -> dict[str, list[int]]:
     for k, name in enumerate(table.names):
         words = words_of(name.partition("[")[0].removesuffix("_g"))
         if match := next(filter(None, (form.fullmatch("_".join(words)) for form in SENSED)), None):
-            key = (match["owner"] or "tip", match["kind"])
+            owner = match["owner"] or ""
+            key = ("tip" if owner in ("", *TURNS) else owner, match["kind"])
             groups.setdefault(key, {}).setdefault(match["axis"], k)
+    for (_, kind), axes in groups.items():  # q0 to q3, but not angles of joints
+        if kind in TURNS and "".join(sorted(axes)) == "0123" and table.turns([*axes.values()]):
+            axes |= {axis: axes.pop(digit) for axis, digit in zip("wxyz", "0123", strict=True)}
     accelerated = {owner for owner, kind in groups if kind in ACCELERATIONS}
     for parts in ("xyzw", "xyz"):
         sensors: dict[str, list[int]] = {}

@@ -29,7 +29,7 @@ from pliant.sensing import read_shape
 from pliant.study.aligned import with_log
 from pliant.study.column_guess import TableGuess
 from pliant.study.doubts import unit_warning_first
-from pliant.study.first_reading import FirstReading, WithLog, read_or_guess, several
+from pliant.study.first_reading import FirstReading, WithLog, perhaps_a_place, read_or_guess, several
 from pliant.study.named_levels import named_pressure
 from pliant.study.plates import RIGID_M, UNNAMED, base_first, rigid, rigid_clusters, standing_among
 
@@ -260,11 +260,10 @@ def inspect_reading(files: WithLog, reading: FirstReading, number: int | None = 
     """Inspect what was read from a file; see `inspect_trial`."""
     recording, assumed, guess = reading
     if not shape_variable(recording):
-        releases = (
-            "the strain of a fibre: describe its cores in a mapping file (table [cores]) and give that by --mapping"
-            if "strain" in recording
-            else "pressure alone, and a study needs the shape too: add the recording to which it belongs"
-        )
+        releases = ("pressure alone, and a study needs the shape too: add the recording to which it belongs, or name "
+                    f"its positions in a mapping{perhaps_a_place(recording)}")  # fmt: skip
+        if "strain" in recording:
+            releases = "the strain of a fibre: state its cores in a mapping (table [cores]) and give that by --mapping"
         raise InputError(f"{files.shape.name} holds {releases}")
     unsynchronised = ""
     if files.log is not None:

@@ -1,0 +1,255 @@
+"""Files of laboratories in habits that were once misread, crashed or were refused without a way out."""
+
+from __future__ import annotations
+
+import struct
+import tomllib
+
+import h5py
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from small_study import TIMES, table
+
+from pliant.errors import InputError
+from pliant.recording import make_recording, read
+from pliant.study.aligned import with_log
+from pliant.study.column_guess import guessed_table
+from pliant.study.draft import draft_study
+from pliant.study.first_reading import read_or_guess, with_logs
+
+DATA = table(90.0)
+KPA, BASE, TIP = DATA[:, 1], DATA[:, 2:5], DATA[:, 5:8]  # m
+PLACES = [f"{station}_{axis}" for station in ("base", "tip") for axis in "xyz"]
+TURN = Rotation.from_rotvec(np.outer(KPA / 90.0, [0.3, 0.1, 0.0])).as_quat()  # x, y, z, w
+STEPS = [1.0, 0.0, 0.5, 1.0, 0.3]
+
+
+def written(path, names, *columns, delimiter=",", above=()):
+    rows = [delimiter.join(f"{v:.9g}" for v in row) for row in np.column_stack(columns)]
+    path.write_text("\n".join([*above, delimiter.join(names), *rows, ""]), encoding="utf-8")
+    return path
+
+
+def drafted(*paths, **options):
+    draft = draft_study(paths, paths[0].with_name("s.toml"), length=0.12, mass=0.05, **options)
+    return draft, tomllib.loads(draft.text)
+
+
+def test_whole_seconds_and_their_fraction_under_one_name(tmp_path):
+    total = np.round(1e6 * (1.7e9 + 0.4 + TIMES))
+    parts = [total // 1e6, total % 1e6]
+    path = tmp_path / "a.txt"
+    rows = [" ".join([f"{s:.0f} {u:.0f}", *(f"{v:.6f}" for v in x)]) for s, u, x in zip(*parts, TIP, strict=True)]
+    path.write_text("\n".join(["stamp_s", *rows]).replace("stamp_s", "Timestamp_s Timestamp_us X Y Z", 1) + "\n")
+    ds = read_or_guess(path, None).recording
+    np.testing.assert_allclose(np.diff(ds["time"]), np.diff(TIMES), atol=2e-6)
+    np.testing.assert_allclose(ds["position"].values[:, 0], TIP, atol=1e-6)
+    same = written(tmp_path / "b.csv", ["t_s", "t_us", *PLACES], TIMES, 1e6 * TIMES, BASE, TIP)
+    assert guessed_table(same).mapping["time"] == "t_s"  # the whole time twice
+
+
+def test_points_of_sleap_in_text_are_pixels_with_y_downwards(tmp_path):
+    pixels = 1e3 * np.column_stack([BASE[:, :2], TIP[:, :2]])
+    score = np.full(len(KPA), 0.9)
+    names = ["frame_idx", "instance.score", "base.x", "base.y", "tip.x", "tip.y", "base.score", "tip.score"]
+    reading = read_or_guess(written(tmp_path / "a.csv", names, np.arange(len(KPA)), score, pixels, score, score), None)
+    assert reading.guess is not None
+    assert reading.guess.mapping["camera"] == {"pixels_per_mm": "?"}
+    assert "length_unit" not in reading.guess.mapping
+    moved = np.diff(reading.recording["position"].values[:, 1, 1])
+    np.testing.assert_allclose(moved, -1e-3 * np.diff(pixels[:, 3]), atol=1e-9)
+
+
+@pytest.mark.parametrize("above", [["Protocol of the arm;;;;;;;", "Operator;Ann;;;;;;", ";;;;;;;"], ["Arm 3;;;;;;;"]])
+def test_titles_that_a_spreadsheet_filled_up_are_no_names(tmp_path, above):
+    names = ["time [s]", *(f"{name} [m]" for name in PLACES), "p [kPa]"]
+    plain, titled = (read(written(tmp_path / f"{k}.csv", names, TIMES, BASE, TIP, KPA, delimiter=";", above=lines))
+                     for k, lines in enumerate(([], above)))  # fmt: skip
+    for variable in ("time", "position", "pressure"):
+        np.testing.assert_array_equal(plain[variable], titled[variable])
+    assert titled["station"].values.tolist() == ["base", "tip"]
+
+
+def test_a_row_of_bodies_above_coordinates_is_no_title(tmp_path):
+    path = written(tmp_path / "a.csv", ["t", *"xyzxyz", "p [kPa]"], TIMES, BASE, TIP, KPA,
+                   above=[",base,,,tip,,,"])  # fmt: skip
+    assert read(path)["station"].values.tolist() == ["base", "tip"]
+
+
+def test_quaternions_q0_to_q3_of_a_sensor_have_the_scalar_first(tmp_path):
+    names = ["t", "Quat_q0", "Quat_q1", "Quat_q2", "Quat_q3"]
+    shown = read_or_guess(written(tmp_path / "a.csv", names, TIMES, TURN[:, [3, 0, 1, 2]]), None).recording
+    plain = ["t", "qx", "qy", "qz", "qw"]
+    known = read_or_guess(written(tmp_path / "b.csv", plain, TIMES, TURN), None).recording
+    np.testing.assert_allclose(shown["angle"], known["angle"], atol=1e-7)
+    with pytest.raises(InputError):  # angles of joints
+        read_or_guess(written(tmp_path / "c.csv", ["t", "q0", "q1", "q2", "q3"], TIMES, 2.0 + TURN), None)
+
+
+@pytest.mark.parametrize("name", ["adc0", "Dev1/ai1 (V)", "adc_3"])
+def test_readings_of_a_converter_ask_for_their_scale_where_no_other_input_is(tmp_path, name):
+    counts = np.rint(100.0 + 8.0 * KPA)
+    alone = written(tmp_path / "a.csv", ["t", *PLACES, name], TIMES, BASE, TIP, counts)
+    assert guessed_table(alone).mapping["pressure"] == {"columns": [name], "unit": "kPa", "scale": "?", "zero": "?"}
+    beside = written(tmp_path / "b.csv", ["t", *PLACES, name, "p_kPa"], TIMES, BASE, TIP, counts, KPA)
+    assert guessed_table(beside).mapping["pressure"]["columns"] == ["p_kPa"]
+
+
+def test_present_positions_of_servos_are_steps_and_their_goals_are_left_out(tmp_path):
+    ticks = np.rint(2048.0 + 5.0 * KPA)
+    path = written(tmp_path / "a.csv", ["t", *PLACES, "goal_pos_1", "present_pos_1"], TIMES, BASE, TIP, ticks, ticks)
+    assert guessed_table(path).mapping["inputs"][0]["columns"] == ["present_pos_1"]
+
+
+def test_axes_before_the_letter_of_a_station(tmp_path):
+    path = written(tmp_path / "a.csv", ["t", "p_kPa", "xb", "yb", "zb", "xt", "yt", "zt"], TIMES, KPA, BASE, TIP)
+    np.testing.assert_allclose(read(path)["position"].values[:, 1], TIP, atol=1e-8)
+
+
+def test_a_log_that_shows_no_pressure_names_its_columns_and_the_entry(tmp_path):
+    path = written(tmp_path / "a.csv", ["Time", "Dev1/ai0 (V)"], TIMES, KPA)
+    with pytest.raises(InputError, match=r"for sensors: pressure = \{ columns = \[.Dev1/ai0 \(V\).\], unit = .kPa"):
+        read(path)
+
+
+def test_a_copy_of_a_column_is_named_once(tmp_path):
+    path = written(tmp_path / "a.csv", ["t", *PLACES, "p_kPa", "p_kPa"], TIMES, BASE, TIP, KPA, KPA)
+    history = read(path).attrs["history"]
+    assert "1 column(s) of a.csv repeat another by name and in every row" in history
+    assert "unknown names" not in history
+    assert "copy" not in history
+
+
+def test_stations_and_tendons_whose_names_hold_dots_can_be_named(tmp_path):
+    names = ["t", *(f"arm.{name.replace('_', '.')}" for name in PLACES), "cable.1 [N]", "cable_1 [N]"]
+    path = written(tmp_path / "a.csv", names, TIMES, BASE, TIP, 0.1 * KPA, 0.1 * KPA[::-1])
+    assert read(path)["station"].values.tolist() == ["arm_base", "arm_tip"]
+    _, study = drafted(path)
+    tendons = [tendon["name"] for tendon in study["actuator"]["tendons"]]
+    assert len(set(tendons)) == 2
+    assert sorted(study["recordings"]["a"]["drive"]) == sorted(tendons)
+
+
+def test_set_points_are_commanded(tmp_path):
+    for name, signal in (("cable_cmd [N]", "commanded"), ("cable [N]", "measured")):
+        path = written(tmp_path / "a.csv", ["t", *PLACES, name], TIMES, BASE, TIP, 0.1 * KPA)
+        assert drafted(path)[1]["recordings"]["a"]["signal"] == signal
+
+
+def test_stations_on_two_bodies_are_doubted(tmp_path):
+    names = ["t", "p_kPa", *(f"arm{body}_{name}" for body in "AB" for name in PLACES)]
+    path = written(tmp_path / "a.csv", names, TIMES, KPA, BASE, TIP, 0.4 + BASE, 0.4 + TIP)
+    assert any("armA_base and armB_base say base" in doubt for doubt in drafted(path)[0].doubts)
+    path = written(tmp_path / "a.csv", ["t", "p_kPa", *PLACES], TIMES, KPA, BASE, TIP)
+    assert not any("say base" in doubt for doubt in drafted(path)[0].doubts)
+
+
+def test_settled_poses_without_a_base_name_their_stations(tmp_path):
+    pulls = np.random.default_rng(0).uniform(0.0, 3.0, (60, 2))
+    mid = np.column_stack([0.01 * pulls, np.full(60, 0.05)])
+    tip = np.column_stack([0.03 * pulls, 0.1 - 0.002 * (pulls**2).sum(axis=1)])
+    names = ["F1_N", "F2_N", *(f"{s}_{axis}_m" for s in ("mid", "tip") for axis in "xyz")]
+    _, study = drafted(written(tmp_path / "a.csv", names, pulls, mid, tip))
+    parts = {name.partition(".")[0] for name in study["model_selection"]["common"]} - {"damping"}
+    assert study["recordings"]["a"]["poses"] is True
+    assert parts <= set(study["recordings"]["a"]["stations"])
+
+
+def test_a_log_of_a_film_belongs_to_the_name_with_which_it_begins(tmp_path):
+    films = [written(tmp_path / f"cam{k}DLC_net50_arm1_5000.csv", ["t", *PLACES], TIMES, BASE, TIP) for k in (0, 1)]
+    logs = [written(tmp_path / f"cam{k}_log.csv", ["t", "p_kPa"], TIMES, KPA) for k in (0, 1)]
+    assert [pair.log for pair in with_logs([*films, *logs])] == logs
+
+
+def test_typed_steps_keep_their_last_level_to_the_end_of_the_shape(tmp_path):
+    """The last step of a table of typed steps is its last row: without its effect another offset fits as well."""
+    time = np.arange(0.0, 5.0, 0.02)
+    begins = np.array([0.0, 0.8, 1.5, 2.7, 3.2])
+    level = np.array(STEPS)[np.searchsorted(begins, time, side="right") - 1]
+    bent = np.zeros_like(time)
+    for k in range(1, len(time)):
+        bent[k] = bent[k - 1] + 0.02 / 0.05 * (level[k] - bent[k - 1])
+    places = np.stack([np.zeros((len(time), 3)), np.column_stack([-0.03 * bent, 0.1 - 0.01 * bent, 0.0 * bent])], 1)
+    shape = make_recording(time, places, station=["base", "tip"])
+    log = written(tmp_path / "film_log.csv", ["t_s", "p_kPa"], begins, 20.0 * np.array(STEPS))
+    joined, problem = with_log(shape, log, "film")
+    assert not problem
+    assert "the last row of pressure is held for 1.78 s more, to the end of the shape" in joined.attrs["history"]
+    clock = joined["pressure_time"].values
+    assert abs(clock[0]) < 0.1  # the clocks agree
+    assert np.ptp(clock) == pytest.approx(np.ptp(time), rel=0.05)
+
+
+ARRAYS = {"time": "mocap.time", "position": {"base": "mocap.base", "tip": "mocap.tip"}, "pressure": "daq.pressure"}
+
+
+def stored(path, tip="mm"):
+    arrays = [("mocap/base", 1e3 * BASE, "mm"), ("mocap/tip", 1e3 * TIP, tip), ("mocap/time", 1e3 * TIMES, "ms"),
+              ("daq/pressure", KPA / 100.0, "bar"), ("daq/time_ms", 1e3 * TIMES, "ms"), ("daq/pull", KPA, "cm")]
+    with h5py.File(path, "w") as file:
+        for name, values, unit in arrays:
+            file.create_dataset(name, data=values).attrs["unit"] = unit
+    return path
+
+
+@pytest.mark.parametrize("clock", ["mocap.time", "daq.time_ms"])
+def test_arrays_of_an_hdf5_file_are_read_by_name_and_unit(tmp_path, clock):
+    ds = read(stored(tmp_path / "a.h5"), mapping={**ARRAYS, "time": clock})
+    np.testing.assert_allclose(ds["time"], TIMES, atol=1e-12)
+    np.testing.assert_allclose(ds["position"].values, np.stack([BASE, TIP], axis=1), atol=1e-12)
+    np.testing.assert_allclose(ds["pressure"], 1e3 * KPA, atol=1e-6)
+
+
+def test_an_hdf5_file_lists_its_arrays_and_refuses_positions_in_several_units(tmp_path):
+    path = stored(tmp_path / "a.h5", tip="cm")
+    with pytest.raises(InputError, match=r"name them in the mapping. Its arrays are: .*mocap\.tip \(160, 3\)"):
+        read(path)
+    with pytest.raises(InputError, match=r"arrays of position in a.h5 state several units \(cm, mm\)"):
+        read(path, mapping=ARRAYS)
+
+
+def test_columns_of_one_table_in_an_hdf5_file(tmp_path):
+    names = ["time", "p_kpa", *PLACES]
+    rows = np.rec.fromarrays([TIMES, KPA, *BASE.T, *TIP.T], names=names)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["log"] = rows
+    places = {s: [f"{s}_{axis}" for axis in "xyz"] for s in ("base", "tip")}
+    ds = read(tmp_path / "a.h5", mapping={"position": places})
+    np.testing.assert_allclose(ds["position"].values[:, 1], TIP)
+    np.testing.assert_allclose(ds["pressure"], 1e3 * KPA)
+
+
+def test_poses_of_seven_numbers_and_nanoseconds_in_npz(tmp_path):
+    stamps = np.round(1e9 * (1.7e9 + TIMES)).astype(np.int64)
+    np.savez(tmp_path / "a.npz", stamps_ns=stamps, stamps=stamps, tip_pose=np.column_stack([TIP, TURN]), p_kpa=KPA)
+    for clock in ("stamps_ns", "stamps"):
+        ds = read(tmp_path / "a.npz", mapping={"time": clock, "position": {"tip": "tip_pose"}})
+        np.testing.assert_allclose(np.diff(ds["time"]), np.diff(TIMES), atol=1e-6)
+        np.testing.assert_allclose(ds["position"].values[:, 0], TIP)
+
+
+def element(kind, content):
+    """An element of a MATLAB file of version 5."""
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+@pytest.mark.parametrize("kind", ["table", "timetable"])
+@pytest.mark.parametrize("version", ["7", "7.3"])
+def test_objects_of_matlab_are_named_with_the_way_out(tmp_path, kind, version):
+    path, numbers = tmp_path / "a.mat", np.array([[0xDD000000, 2, 1, 1, 1, 1]], np.uint32)
+    if version == "7":
+        array = [element(6, struct.pack("<II", 13, 0)), element(5, struct.pack("<ii", 6, 1)), element(1, b""),
+                 element(6, numbers.tobytes())]  # fmt: skip
+        opaque = [element(6, struct.pack("<II", 17, 0)), element(1, b"T"), element(1, b"MCOS"),
+                  element(1, kind.encode()), element(14, b"".join(array))]  # fmt: skip
+        head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+        path.write_bytes(head + element(14, b"".join(opaque)))
+    else:
+        with h5py.File(path, "w", userblock_size=512) as file:
+            stored = file.create_dataset("T", data=numbers)
+            stored.attrs["MATLAB_class"], stored.attrs["MATLAB_object_decode"] = np.bytes_(kind), np.int32(3)
+        with path.open("r+b") as file:
+            file.write(b"MATLAB 7.3 MAT-file")
+    with pytest.raises(InputError, match=rf"holds T \({kind}\) and no array of numbers: of a table T save the columns"):
+        read(path)
