@@ -85,8 +85,7 @@ def left_by(columns: Sequence[Array], moved: Array) -> float:
 
 
 def settled(exp: Experiment, constant: float = 0.0, most: int = FRAMES) -> Experiment:
-    """Return up to `most` frames of an experiment as settled shapes under its inputs, behind a lag [s] if there is one.
-    """
+    """Return up to `most` frames of an experiment as settled shapes under its inputs, behind a lag [s] if any."""
     complete = np.flatnonzero(np.isfinite(exp.compared).all(axis=(1, 2)))
     rows = complete[np.unique(np.linspace(0, complete.size - 1, most).astype(int))]
     sources = list(exp.traces.values())

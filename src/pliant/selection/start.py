@@ -23,7 +23,16 @@ from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.selection.first_model import Entry, beginning, edge_limits, edge_times, name_of
 from pliant.selection.fitted import FitSetting, FittedModel, fitted, frame_spacing, tried_step
-from pliant.selection.slow import FRAMES, SlowBody, first_parameters, left_by, may_be_slow, moved_and_inputs, settled, slow_body
+from pliant.selection.slow import (
+    FRAMES,
+    SlowBody,
+    first_parameters,
+    left_by,
+    may_be_slow,
+    moved_and_inputs,
+    settled,
+    slow_body,
+)
 from pliant.selection.statics import with_static_terms
 from pliant.selection.terms import Term
 

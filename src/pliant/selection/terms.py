@@ -25,7 +25,7 @@ WIDE = 0.5  # of an input's highest value, down to which it must come to show th
 LONGER = 2.0  # length of a recording over a time of creep, from which a time as long as the recording is tried too
 LEVELS = 3  # that show a dead band, or which of several torque laws holds
 UNEQUAL = 0.5  # of their mean: standard deviation of the damping of the joints about it
-SOFTER = (0.1, 0.5, 2.5)  # factors on the axial stiffness of a round body that are tried
+SOFTER, FIRM = (0.1, 0.5, 2.5), 3.0  # of the axial stiffness of a round body: values that are tried; of its prior
 GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
 TERMS = {  # the names of all terms, and what they add
     "joints": "stiffness of each joint",
@@ -429,10 +429,10 @@ def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Ter
                                        held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),
                    extensions=(Extension(1000.0, 10.0),))  # fmt: skip
     elif segments := segments_of_tendons(model):
-        stiff = {f"{e.name}.axial_stiffness": e.stiffness for e in segments}
+        stiff = [Parameter(f"{e.name}.axial_stiffness", e.stiffness, prior_std=FIRM * e.stiffness) for e in segments]
         damped = [held(f"{e.name}.axial_damping", e.damping) for e in segments]
-        yield term("segments", "", [*(Parameter(n, k) for n, k in stiff.items()), *damped], {}, extensions=segments,
-                   grid=tuple({n: factor * k for n, k in stiff.items()} for factor in SOFTER))  # fmt: skip
+        grid = ({n: factor * k for n, k in values_of(stiff).items()} for factor in SOFTER)
+        yield term("segments", "", [*stiff, *damped], {}, grid=tuple(grid), extensions=segments)
 
 
 def curved_walls(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
