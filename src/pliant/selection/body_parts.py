@@ -17,7 +17,7 @@ from pliant.model import Extension, Model
 from pliant.model.parts import STATION, fitted
 
 Array = np.ndarray
-NEAR = 0.02  # of the length: standard deviation of a marker's place, and of the base, about those that are known
+NEAR = 0.02  # of the length: standard deviation of a marker's place about that of the first frames
 APART = 0.05  # of the length: ends of tendons closer than this are one
 DAMPED = 0.03  # s, damping of a segment over its stiffness
 

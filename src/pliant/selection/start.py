@@ -22,7 +22,7 @@ from pliant.identification.parameters import shared_name
 from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.selection.first_model import Entry, beginning, edge_limits, edge_times, name_of
-from pliant.selection.fitted import FitSetting, FittedModel, fitted, frame_spacing, tried_step
+from pliant.selection.fitted import TOLERANCE, FitSetting, FittedModel, fitted, frame_spacing, tried_step
 from pliant.selection.slow import (
     FRAMES,
     SlowBody,
@@ -41,6 +41,7 @@ Begun = tuple[FitSetting, FittedModel, list[Term]]
 EXPLAINED = 0.8  # of the variance of the motion that the inputs of the same frames must explain
 STATIC_EVALUATIONS = 30
 SHAPES = 160  # settled shapes of all recordings, at least, from which terms are chosen
+MANY, ALMOST = 20, 1e-3  # free parameters, above which a fit of the motion stops at a coarser change of its cost
 STATIC_PART = 0.4  # of the time of a search, at most, for the terms that settled shapes show
 OF_MOTION = ("damping", "axial_damping")  # parameters that settled shapes do not show
 
@@ -161,13 +162,15 @@ def fit_begun_at(
     `still` of settled shapes. Damping begins at its first guess.
     """
     train, shown = setting.experiments, {p.name for p in still.parameters}
+    many = len(still.problem.free) > MANY
     moving = [p for p in first_parameters(model, train, common) if p.name not in shown]
     begun = [*still.parameters, *moving]
     values = {p.name: p.value for p in begun if p.value is not None}
     setting = replace(setting, time_step=time_step or fit_step(still.model, values, train))
     if time_step is None:
         with suppress(PliantError):
-            first = fitted(replace(setting, time_step=frame_spacing(train) / STEPS_A_FRAME), still.model, begun)
+            known = [p.with_(free=p.free and p.name not in shown) for p in begun] if many else begun
+            first = fitted(replace(setting, time_step=frame_spacing(train) / STEPS_A_FRAME), still.model, known)
             setting = replace(setting, time_step=tried_step(first, setting.time_step))
-            begun = first.parameters
-    return setting, fitted(setting, still.model, begun)
+            begun = [p.with_(value=first.values[p.name]) for p in begun]
+    return setting, fitted(setting, still.model, begun, tolerance=ALMOST if many else TOLERANCE)

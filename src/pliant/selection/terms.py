@@ -408,8 +408,8 @@ def places(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
         return
     now = {n: v for n, v in mechanics_of(model).base_values.items() if n != "base_tilt_z"}
     yield term("base", "", [Parameter(n, v) for n, v in now.items()], now)
-    offsets = [near(f"base_{axis}", 0.0, model) for axis in "xyz"[: mechanics_of(model).dimension]]
-    yield term("origin", "", offsets, {p.name: 0.0 for p in offsets})
+    offsets = {f"base_{axis}": 0.0 for axis in "xyz"[: mechanics_of(model).dimension]}
+    yield term("origin", "", [Parameter(n, v) for n, v in offsets.items()], offsets)
     if markers := other_markers(model, experiments):
         yield term("markers", "", markers, values_of(markers))
 
