@@ -118,7 +118,7 @@ def test_segments_between_the_ends_of_tendons_shorten_as_bars_do():
     drives = {c.name: Trace(time, pull) for cs, pull in ((far, tip_pull), (half, half_pull)) for c in cs}
     poses = Experiment("poses", time, path, ("middle", "tip"), "trace", drives=drives, poses=True)
     (term,) = terms_for(model, [poses], only=["segments"])
-    assert [(e.start, e.end(length)) for e in term.extensions] == [(0.0, 0.1), (0.1, 0.2)]
+    assert [(e.start, e.end(length)) for e in term.segments] == [(0.0, 0.1), (0.1, 0.2)]
     result = fit([poses], term.model(model), term.begun(term.grid[1], {}), time_step=1e-3, starts=1)
     stiff = [result.values[f"segment_{k}.axial_stiffness"] for k in (1, 2)]
     assert stiff == pytest.approx(axial.tolist(), rel=1e-3)
@@ -130,4 +130,4 @@ def test_walls_that_stiffen_need_a_body_that_lengthens():
     assert "wall_stiffening" not in {t.name for t in terms_for(model, train)}
     lengthened = terms_for(model.with_(extensions=(Extension(900.0, 2.0),)), train, only=["wall_stiffening"])
     assert [t.needs for t in lengthened] == [""]
-    assert all(e.curved and not e.stiffens_bending for t in lengthened for e in t.extensions)
+    assert all(e.curved and not e.stiffens_bending for t in lengthened for e in t.segments)

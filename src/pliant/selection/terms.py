@@ -93,7 +93,7 @@ class Term(NamedTuple):
         Names of terms that this one has within it.
     limits : tuple of str
         Parameters whose upper bound stands for all higher values, which the recordings do not tell from it.
-    extensions : tuple of Extension
+    segments : tuple of Extension
         Segments that the model needs for this term, so that its body lengthens.
     """
 
@@ -107,11 +107,11 @@ class Term(NamedTuple):
     needs: str = ""
     includes: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
-    extensions: tuple[Extension, ...] = ()
+    segments: tuple[Extension, ...] = ()
 
     def model(self, model: Model) -> Model:
         """Return the model, with the segments that lengthen if the term needs any."""
-        return model.with_(extensions=self.extensions) if self.extensions else model
+        return model.with_(extensions=self.segments) if self.segments else model
 
     @property
     def on_held_scale(self) -> bool:
@@ -427,22 +427,23 @@ def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Ter
     if gains:
         yield term("lengthening", "", [*(Parameter(n, 0.0) for n in gains), held("axial_stiffness", 1000.0),
                                        held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),
-                   extensions=(Extension(1000.0, 10.0),))  # fmt: skip
+                   segments=(Extension(1000.0, 10.0),))  # fmt: skip
     elif segments := segments_of_tendons(model):
         stiff = [Parameter(f"{e.name}.axial_stiffness", e.stiffness, prior_std=FIRM * e.stiffness) for e in segments]
         damped = [held(f"{e.name}.axial_damping", e.damping) for e in segments]
         grid = ({n: factor * k for n, k in values_of(stiff).items()} for factor in SOFTER)
-        yield term("segments", "", [*stiff, *damped], {}, grid=tuple(grid), extensions=segments)
+        yield term("segments", "", [*stiff, *damped], {}, grid=tuple(grid), segments=segments)
 
 
 def curved_walls(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
     """Yield a wall that stiffens with the strain, along the axis and, in space, in bending, for a body that lengthens
     or that a term in `longer` lengthens.
     """
-    cases = [("", model.extensions)] if model.extensions else [(t.name, t.extensions) for t in longer]
+    lengthens = mechanics_of(model).lengthens
+    cases = [("", model.extensions)] if lengthens else [(t.name, t.segments) for t in longer]
     names = ("axial_stiffening", "axial_cubic_stiffening")
     for needs, segments in cases:
         curved = tuple(replace(e, stiffening=e.stiffening or 0.0, cubic_stiffening=e.cubic_stiffening or 0.0,
                                stiffens_bending=model.space is not None) for e in segments)  # fmt: skip
         yield term("wall_stiffening", "", [Parameter(n, 0.0) for n in names], dict.fromkeys(names, 0.0), needs=needs,
-                   extensions=curved)  # fmt: skip
+                   segments=curved)  # fmt: skip
