@@ -59,7 +59,7 @@ TERMS = {  # the names of all terms, and what they add
     "settle": "late settling of the input",
     "clock": "offset of the input's clock",
     "base": "error of the base tangent",
-    "origin": "offset of the base",
+    "origin": "offset of the base, in space",
     "markers": "places of the other markers",
     "lengthening": "a body that lengthens",
     "segments": "segments that tendons shorten",
@@ -241,14 +241,18 @@ class ChainTerms(NamedTuple):
         ``springs(model)`` yields the terms of springs that only this kind has.
     grown : float
         Strain along the stations from which a body of this kind may lengthen.
+    offsets : tuple of str
+        Offsets of the base that a term frees; in a plane, the rest shape shows them.
     """
 
     springs: Callable[[Model], Iterator[Term]]
     grown: float
+    offsets: tuple[str, ...]
 
 
 TERMS_OF_CHAINS: dict[type[Mechanics], ChainTerms] = {
-    PlanarChain: ChainTerms(lambda _: iter(()), GROWN), SpatialChain: ChainTerms(spatial_springs, -np.inf),
+    PlanarChain: ChainTerms(lambda _: iter(()), GROWN, ()),
+    SpatialChain: ChainTerms(spatial_springs, -np.inf, ("base_x", "base_y", "base_z")),
 }
 
 
@@ -401,15 +405,13 @@ def torque_laws(start: str, chamber: ActuationInput, highest: float) -> Iterator
 
 
 def places(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
-    """Yield the error of the base tangent and of the base's place, and the places of all markers but the last, for
-    recordings of positions.
-    """
+    """Yield the error of the base, and the places of all markers but the last, for recordings of positions."""
     if all(e.without_positions for e in experiments):
         return
     now = {n: v for n, v in mechanics_of(model).base_values.items() if n != "base_tilt_z"}
     yield term("base", "", [Parameter(n, v) for n, v in now.items()], now)
-    offsets = {f"base_{axis}": 0.0 for axis in "xyz"[: mechanics_of(model).dimension]}
-    yield term("origin", "", [Parameter(n, v) for n, v in offsets.items()], offsets)
+    if offsets := dict.fromkeys(TERMS_OF_CHAINS[type(mechanics_of(model))].offsets, 0.0):
+        yield term("origin", "", [Parameter(n, v) for n, v in offsets.items()], offsets)
     if markers := other_markers(model, experiments):
         yield term("markers", "", markers, values_of(markers))
 
@@ -439,11 +441,10 @@ def curved_walls(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
     """Yield a wall that stiffens with the strain, along the axis and, in space, in bending, for a body that lengthens
     or that a term in `longer` lengthens.
     """
-    lengthens = mechanics_of(model).lengthens
-    cases = [("", model.extensions)] if lengthens else [(t.name, t.segments) for t in longer]
     names = ("axial_stiffening", "axial_cubic_stiffening")
-    for needs, segments in cases:
+    for needs, segments in (*((t.name, t.segments) for t in longer), ("", model.extensions)):
         curved = tuple(replace(e, stiffening=e.stiffening or 0.0, cubic_stiffening=e.cubic_stiffening or 0.0,
                                stiffens_bending=model.space is not None) for e in segments)  # fmt: skip
-        yield term("wall_stiffening", "", [Parameter(n, 0.0) for n in names], dict.fromkeys(names, 0.0), needs=needs,
-                   segments=curved)  # fmt: skip
+        if curved:
+            yield term("wall_stiffening", "", [Parameter(n, 0.0) for n in names], dict.fromkeys(names, 0.0),
+                       needs=needs, segments=curved)  # fmt: skip
