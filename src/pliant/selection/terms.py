@@ -59,7 +59,7 @@ TERMS = {  # the names of all terms, and what they add
     "settle": "late settling of the input",
     "clock": "offset of the input's clock",
     "base": "error of the base tangent",
-    "origin": "offset of the base, in space",
+    "origin": "offset of the base",
     "markers": "places of the other markers",
     "lengthening": "a body that lengthens",
     "segments": "segments that tendons shorten",
@@ -208,7 +208,8 @@ def terms_for(
     longer = tuple(lengthening(model, experiments))
     every = (*springs(model), *relaxation(model, longer, longest(experiments)), *inputs(model, experiments),
              *places(model, experiments), *longer, *curved_walls(model, longer))
-    return tuple(t for t in every if (not only or named(t, only)) and not named(t, without))
+    left_out = without if only else (*without, *TERMS_OF_CHAINS[type(mechanics_of(model))].unasked)
+    return tuple(t for t in every if (not only or named(t, only)) and not named(t, left_out))
 
 
 def springs(model: Model) -> Iterator[Term]:
@@ -241,18 +242,18 @@ class ChainTerms(NamedTuple):
         ``springs(model)`` yields the terms of springs that only this kind has.
     grown : float
         Strain along the stations from which a body of this kind may lengthen.
-    offsets : tuple of str
-        Offsets of the base that a term frees; in a plane, the rest shape shows them.
+    unasked : tuple of str
+        Terms that are offered only by name: unseen recordings of planar arms were predicted worse with them.
     """
 
     springs: Callable[[Model], Iterator[Term]]
     grown: float
-    offsets: tuple[str, ...]
+    unasked: tuple[str, ...]
 
 
 TERMS_OF_CHAINS: dict[type[Mechanics], ChainTerms] = {
-    PlanarChain: ChainTerms(lambda _: iter(()), GROWN, ()),
-    SpatialChain: ChainTerms(spatial_springs, -np.inf, ("base_x", "base_y", "base_z")),
+    PlanarChain: ChainTerms(lambda _: iter(()), GROWN, ("joint_damping", "markers", "origin", "wall_stiffening")),
+    SpatialChain: ChainTerms(spatial_springs, -np.inf, ()),
 }
 
 
@@ -410,8 +411,8 @@ def places(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
         return
     now = {n: v for n, v in mechanics_of(model).base_values.items() if n != "base_tilt_z"}
     yield term("base", "", [Parameter(n, v) for n, v in now.items()], now)
-    if offsets := dict.fromkeys(TERMS_OF_CHAINS[type(mechanics_of(model))].offsets, 0.0):
-        yield term("origin", "", [Parameter(n, v) for n, v in offsets.items()], offsets)
+    offsets = {f"base_{axis}": 0.0 for axis in "xyz"[: mechanics_of(model).dimension]}
+    yield term("origin", "", [Parameter(n, v) for n, v in offsets.items()], offsets)
     if markers := other_markers(model, experiments):
         yield term("markers", "", markers, values_of(markers))
 
@@ -438,9 +439,7 @@ def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Ter
 
 
 def curved_walls(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
-    """Yield a wall that stiffens with the strain, along the axis and, in space, in bending, for a body that lengthens
-    or that a term in `longer` lengthens.
-    """
+    """Yield a wall that stiffens with the strain, for a body that lengthens or that a term in `longer` lengthens."""
     names = ("axial_stiffening", "axial_cubic_stiffening")
     for needs, segments in (*((t.name, t.segments) for t in longer), ("", model.extensions)):
         curved = tuple(replace(e, stiffening=e.stiffening or 0.0, cubic_stiffening=e.cubic_stiffening or 0.0,
