@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from pliant.identification import Experiment
 from pliant.model import Chamber, Model, Station, chain_model
-from pliant.selection import select_model
+from pliant.selection import select_model, terms_for
 from pliant.selection.fitted import FitSetting, fitted, tried_step, with_checked_step
 from pliant.selection.start import follows_at_once
 from pliant.simulation import Trace, simulate
@@ -66,6 +66,21 @@ def test_settled_shapes_lead_to_the_model_of_a_body_that_rings_faster_than_its_i
     assert values["right.gain_y"] / values["stiffness"] == pytest.approx(0.5 / 0.4, rel=0.01)
     assert abs(values["left.gain_y"]) < 0.01 * values["left.gain_x"]
     assert found.result.time_step > 2e-3  # frames are 50 ms apart, and the fit has compared steps
+
+
+@pytest.mark.slow
+def test_settled_shapes_choose_the_terms_that_they_show(rng):
+    """Recorded positions are turned about the base by 0.03 rad: the shapes show it before the motion is fitted."""
+    model, tilt = arm(gravity=(0.0, 0.0, 0.0)), 0.03
+    exp = recorded(rng, model)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(tilt), -np.sin(tilt)], [0.0, np.sin(tilt), np.cos(tilt)]])
+    train = [replace(exp, position=exp.position @ turn.T)]
+    lines: list[str] = []
+    result = select_model(train, model, terms=terms_for(model, train, only=["base", "creep"]), progress=lines.append)
+    assert any(line.startswith("settled shapes, error of the base tangent") for line in lines)
+    assert result.terms == ("base",)
+    assert abs(result.result.values["base_tilt_x"]) == pytest.approx(tilt, rel=0.02)
+    assert abs(result.result.values["base_tilt_y"]) < 0.02 * tilt
 
 
 def test_a_step_that_is_too_long_for_the_motion_is_shortened_unless_it_is_stated(rng):

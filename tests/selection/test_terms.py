@@ -72,7 +72,7 @@ def test_no_term_has_an_effect_at_its_null_values(case):
         for row in term.grid if term.null else ():
             at_null = [*others, *needed, *term.at_null(row, values)]
             after = residual(setting, term.model(before_it.model(model)), at_null)
-            bound = STRETCHED if term.extension or before_it.extension else NO_EFFECT
+            bound = STRETCHED if term.segments or before_it.segments else NO_EFFECT
             assert np.abs(after - before).max() < bound * np.abs(before).max(), (term.name, row)
 
 
@@ -87,7 +87,7 @@ def test_every_term_has_an_effect_beyond(case):
         away = [p.with_(value=p.value + (0.2 * p.value or p.scale or 1e-13)) if p.free else p for p in at_null]
         if term.name.endswith(("torque_2", "torque_3")):
             away = [p.with_(value=1e-12 if term.name.endswith("2") else 1e-17) for p in at_null]
-        if term.extension:
+        if term.segments:
             away = [p.with_(value=20.0) if p.free else p for p in at_null]
         if term.name == "clock":
             away = [p.with_(value=0.02) for p in at_null]

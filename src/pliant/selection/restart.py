@@ -133,7 +133,7 @@ def first_choice(search: RunningSearch, parent: FittedModel, term: Term) -> tupl
     first, and this term; None if that is `term` itself, or cannot be fitted.
     """
     chosen = [t for t in search.chosen if t is not term]
-    best = next((p for p in search.ranked(parent, chosen)[0] if not p.term.extension), None)
+    best = next((p for p in search.ranked(parent, chosen)[0] if not p.term.segments), None)
     if best is None or best.term is term:
         return None
     try:

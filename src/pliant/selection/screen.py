@@ -90,7 +90,7 @@ def panels(terms: Iterable[Term]) -> list[list[tuple[Term, Mapping[str, float]]]
 def fit_together(one: Term, other: Term) -> bool:
     """Return whether one model can hold both terms at their null values."""
     (mine, theirs) = ({*t.replaces, *(p.name for p in t.adds)} for t in (one, other))
-    return not mine & theirs and one.extension == other.extension
+    return not mine & theirs and one.segments == other.segments
 
 
 def screened_together(

@@ -185,7 +185,7 @@ class Search(RunningSearch):
         a term was dropped.
         """
         last = [step.name for step in self.steps[-1:]]  # it has just been judged
-        smaller = [s for t in self.chosen if not self.needed(t) and t.name not in last and not t.extension
+        smaller = [s for t in self.chosen if not self.needed(t) and t.name not in last and not t.segments
                    and not self.late and (s := self.without(t)) is not None]  # fmt: skip
         if not smaller:
             return False

@@ -20,6 +20,7 @@ from pliant.selection.running import Notify
 from pliant.selection.saved import SearchFile
 from pliant.selection.search import Search
 from pliant.selection.start import first_model
+from pliant.selection.statics import in_order
 from pliant.selection.terms import Term, terms_for
 
 MINUTES = 5.0
@@ -106,6 +107,7 @@ def select_model(
     if state is None:
         setting, parent, chosen = first_model(train, model, common, terms, how, notify)
         start = model.with_(stations=parent.model.stations)
+        terms = [t.on(start) for t in in_order(terms, chosen)]
         return Search(setting, start, determined(parent, setting), terms, began, deadline, notify, file, chosen,
                       stated=names).run()
     stated = how["time_step"] is not None
@@ -117,6 +119,7 @@ def select_model(
     best = fitted(setting, longer, state.parameters, prior_weight=state.prior_weight, evaluations=0)
     notify(f"goes on from a run that was stopped: {', '.join(t.title for t in chosen) or 'no term'} so far")
     start = model.with_(stations=best.model.stations)
+    terms = [t.on(start) for t in terms]
     return Search(setting, start, best, terms, began - state.seconds, deadline, notify, file, chosen,
                   list(state.steps), stated=names, first=state.first,
                   dropped={s.name[1:] for s in state.steps if s.name.startswith("-")}).run()

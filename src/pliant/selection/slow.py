@@ -84,12 +84,10 @@ def left_by(columns: Sequence[Array], moved: Array) -> float:
     return float(np.sum((moved - A @ np.linalg.lstsq(A, moved, rcond=1e-6)[0]) ** 2))
 
 
-def settled(exp: Experiment, constant: float = 0.0) -> Experiment:
-    """Return up to `FRAMES` frames of an experiment as settled shapes under its inputs, behind a lag [s] if there is
-    one.
-    """
+def settled(exp: Experiment, constant: float = 0.0, most: int = FRAMES) -> Experiment:
+    """Return up to `most` frames of an experiment as settled shapes under its inputs, behind a lag [s] if any."""
     complete = np.flatnonzero(np.isfinite(exp.compared).all(axis=(1, 2)))
-    rows = complete[np.unique(np.linspace(0, complete.size - 1, FRAMES).astype(int))]
+    rows = complete[np.unique(np.linspace(0, complete.size - 1, most).astype(int))]
     sources = list(exp.traces.values())
     behind = (behind_lags(exp.time, sources, [constant])[0] if constant
               else np.stack([one(exp.time) for one in sources], axis=1))

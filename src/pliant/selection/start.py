@@ -23,13 +23,26 @@ from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.selection.first_model import Entry, beginning, edge_limits, edge_times, name_of
 from pliant.selection.fitted import TOLERANCE, FitSetting, FittedModel, fitted, frame_spacing, tried_step
-from pliant.selection.slow import SlowBody, first_parameters, left_by, may_be_slow, moved_and_inputs, settled, slow_body
+from pliant.selection.slow import (
+    FRAMES,
+    SlowBody,
+    first_parameters,
+    left_by,
+    may_be_slow,
+    moved_and_inputs,
+    settled,
+    slow_body,
+)
+from pliant.selection.statics import with_static_terms
 from pliant.selection.terms import Term
 
 Notify = Callable[[str], None]
 Begun = tuple[FitSetting, FittedModel, list[Term]]
 EXPLAINED = 0.8  # of the variance of the motion that the inputs of the same frames must explain
 STATIC_EVALUATIONS = 30
+SHAPES = 160  # settled shapes of all recordings, at least, from which terms are chosen
+MANY, ALMOST = 20, 1e-3  # free parameters, above which a fit of the motion stops at a coarser change of its cost
+STATIC_PART = 0.4  # of the time of a search, at most, for the terms that settled shapes show
 OF_MOTION = ("damping", "axial_damping")  # parameters that settled shapes do not show
 
 
@@ -49,7 +62,7 @@ def first_model(
             if together := findings_of_chambers(begun[1].free, model, train):
                 notify(f"warning: {together}")
             return begun
-    if begun := quick_start(setting, setting, model, common, how["time_step"], notify):
+    if begun := quick_start(setting, setting, model, common, how["time_step"], notify, terms, how["minutes"]):
         return begun
     stated_names = {*map(name_of, common)}
     wide = {p.name: p for e in train for p in edge_limits(e) if p.name not in stated_names}
@@ -69,16 +82,18 @@ def first_model(
 
 def quick_start(
     whole: FitSetting, setting: FitSetting, model: Model, common: Sequence[Entry], time_step: float | None,
-    notify: Notify,
+    notify: Notify, terms: Sequence[Term] = (), minutes: float = 0.0,
 ) -> Begun | None:
     """Return what `first_model` returns for a body in space that follows its inputs at once in the recordings of
-    `whole`, fitted to those of `setting`; None if it does not, or with a warning if that start cannot be simulated.
+    `whole`, fitted to those of `setting`, with those of the `terms` that settled shapes show in a part of the `minutes`
+    of the search; None if it does not, or with a warning if that start cannot be simulated.
     """
     if model.space is None or not follows_at_once(whole.experiments, model):
         return None
     notify("the body follows its inputs at once: settled shapes come first")
     try:
-        return (*fit_from_settled_shapes(setting, model, common, time_step), [])
+        still, chosen = fit_of_settled_shapes(setting, model, common, terms, STATIC_PART * 60.0 * minutes, notify)
+        return (*fit_begun_at(still, setting, model, common, time_step), chosen)
     except PliantError as error:
         notify(f"warning: the search does not begin with settled shapes: {error}")
         return None
@@ -89,7 +104,7 @@ def slow_start(
     notify: Notify,
 ) -> Begun | None:
     """Return what `first_model` returns for a slow body; None, with a warning, if that start cannot be simulated."""
-    lengthening = next((t for t in terms if t.extension), None)
+    lengthening = next((t for t in terms if t.name == "lengthening"), None)
     try:
         return slow.first_model(model, common, lengthening, time_step)
     except PliantError as error:
@@ -126,23 +141,37 @@ def follows_at_once(train: Sequence[Experiment], model: Model) -> bool:
     return left_by([now], moved) < (1.0 - EXPLAINED) * float(((moved - moved.mean(axis=0)) ** 2).sum())
 
 
-def fit_from_settled_shapes(
-    setting: FitSetting, model: Model, common: Sequence[Entry], time_step: float | None,
-) -> tuple[FitSetting, FittedModel]:
-    """Return the setting of all fits of a search, and the fit of the first model to the motion, begun at the values
-    that settled shapes of the recordings show. Damping begins at its first guess.
+def fit_of_settled_shapes(
+    setting: FitSetting, model: Model, common: Sequence[Entry], terms: Sequence[Term], seconds: float, notify: Notify,
+) -> tuple[FittedModel, list[Term]]:
+    """Return the fit of the first model to settled shapes of the recordings, with those of the `terms` that these show
+    within some `seconds`, and these terms.
     """
     train = setting.experiments
-    shapes = replace(setting, experiments=tuple(settled(e) for e in train))
-    listed = first_parameters(model, train, common)
-    static = [p for p in listed if shared_name(p.name) not in OF_MOTION]
+    most = max(SHAPES // len(train), FRAMES) if terms else FRAMES
+    shapes = replace(setting, experiments=tuple(settled(e, most=most) for e in train))
+    static = [p for p in first_parameters(model, train, common) if shared_name(p.name) not in OF_MOTION]
     still = fitted(shapes, model, static, evaluations=STATIC_EVALUATIONS)
-    begun = [p.with_(value=still.values[p.name]) if p.value is None and p.name in still.values else p for p in listed]
+    names, stated = {t.name for t in terms}, frozenset(map(name_of, common))
+    return with_static_terms(still, shapes, names, stated, seconds, notify) if terms else (still, [])
+
+
+def fit_begun_at(
+    still: FittedModel, setting: FitSetting, model: Model, common: Sequence[Entry], time_step: float | None,
+) -> tuple[FitSetting, FittedModel]:
+    """Return the setting of all fits of a search, and the fit of the first model to the motion, begun at the fit
+    `still` of settled shapes. Damping begins at its first guess.
+    """
+    train, shown = setting.experiments, {p.name for p in still.parameters}
+    many = len(still.problem.free) > MANY
+    moving = [p for p in first_parameters(model, train, common) if p.name not in shown]
+    begun = [*still.parameters, *moving]
     values = {p.name: p.value for p in begun if p.value is not None}
     setting = replace(setting, time_step=time_step or fit_step(still.model, values, train))
     if time_step is None:
         with suppress(PliantError):
-            first = fitted(replace(setting, time_step=frame_spacing(train) / STEPS_A_FRAME), still.model, begun)
+            known = [p.with_(free=p.free and p.name not in shown) for p in begun] if many else begun
+            first = fitted(replace(setting, time_step=frame_spacing(train) / STEPS_A_FRAME), still.model, known)
             setting = replace(setting, time_step=tried_step(first, setting.time_step))
-            begun = first.parameters
-    return setting, fitted(setting, still.model, begun)
+            begun = [p.with_(value=first.values[p.name]) for p in begun]
+    return setting, fitted(setting, still.model, begun, tolerance=ALMOST if many else TOLERANCE)

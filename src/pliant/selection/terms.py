@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -11,10 +12,11 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.identification.chamber_parameters import has_effect, prefixes
 from pliant.identification.experiment import Experiment
-from pliant.identification.parameters import Parameter
+from pliant.identification.parameters import Parameter, values_of
 from pliant.identification.torque_start import grown, highest_level
 from pliant.mechanics import Mechanics, PlanarChain, SpatialChain, mechanics_of
 from pliant.model import ActuationInput, Extension, Model
+from pliant.selection.body_parts import near, other_markers, segments_of_tendons, tensions
 
 NO_SHARE = 1e-6  # fraction or coefficient at which hysteresis, friction or a late part of the pressure has no effect
 NO_FORCE = 1e-6  # N at which the friction of a tendon has no effect
@@ -22,6 +24,8 @@ REST = 0.1  # rad, of a joint: standard deviation of the rest turn about that of
 WIDE = 0.5  # of an input's highest value, down to which it must come to show the curvature of its torque law
 LONGER = 2.0  # length of a recording over a time of creep, from which a time as long as the recording is tried too
 LEVELS = 3  # that show a dead band, or which of several torque laws holds
+UNEQUAL = 0.5  # of their mean: standard deviation of the damping of the joints about it
+SOFTER, FIRM = (0.1, 0.5, 2.5), 3.0  # of the axial stiffness of a round body: values that are tried; of its prior
 GROWN = 0.01  # strain along the stations from which a body in the plane may lengthen
 TERMS = {  # the names of all terms, and what they add
     "joints": "stiffness of each joint",
@@ -31,10 +35,13 @@ TERMS = {  # the names of all terms, and what they add
     "rest": "a body that is bent at rest, in space",
     "creep": "creep",
     "creep_2": "a second creep branch",
+    "joint_damping": "damping of each joint",
     "slip": "internal friction",
     "tendon_friction": "friction along the tendons",
     "entry_friction": "friction of tendons where they enter the body",
     "imbalance": "pretensions that differ within a pair of tendons",
+    "pretension": "pretension of each tendon",
+    "line": "stiffness of each tendon",
     "taper": "tendons that converge",
     "spacing": "tendons that run straight between guides",
     "axial_creep": "creep of the length",
@@ -52,7 +59,11 @@ TERMS = {  # the names of all terms, and what they add
     "settle": "late settling of the input",
     "clock": "offset of the input's clock",
     "base": "error of the base tangent",
+    "origin": "offset of the base",
+    "markers": "places of the other markers",
     "lengthening": "a body that lengthens",
+    "segments": "segments that tendons shorten",
+    "wall_stiffening": "walls that stiffen with the length",
 }
 
 
@@ -82,8 +93,8 @@ class Term(NamedTuple):
         Names of terms that this one has within it.
     limits : tuple of str
         Parameters whose upper bound stands for all higher values, which the recordings do not tell from it.
-    extension : Extension or None
-        Segment that the model needs for this term, so that its body lengthens.
+    segments : tuple of Extension
+        Segments that the model needs for this term, so that its body lengthens.
     """
 
     name: str
@@ -96,16 +107,23 @@ class Term(NamedTuple):
     needs: str = ""
     includes: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
-    extension: Extension | None = None
+    segments: tuple[Extension, ...] = ()
 
     def model(self, model: Model) -> Model:
-        """Return the model, with the segment that lengthens if the term needs one."""
-        return model if self.extension is None else model.with_(extensions=(self.extension,))
+        """Return the model, with the segments that lengthen if the term needs any."""
+        return model.with_(extensions=self.segments) if self.segments else model
 
     @property
     def on_held_scale(self) -> bool:
         """Return whether the term replaces a parameter whose scale no recording shows (see `about`)."""
         return bool(self.replaces) and all(p.prior_std for p in self.adds)
+
+    def on(self, model: Model) -> Term:
+        """Return the term with the places of markers where the model has them: there it has no effect."""
+        places = {f"{s.name}.{axis}": value for s in model.stations for axis, value in s._asdict().items()}
+        null = {name: places.get(name, value) for name, value in self.null.items()}
+        return self._replace(null=null, adds=tuple(
+            near(p.name, places[p.name], model) if p.name in places else p for p in self.adds))
 
     def about(self, held: Mapping[str, float]) -> Term:
         """Return the term with priors about the parameters that it replaces, if these are `held` (SI): their scale,
@@ -189,8 +207,9 @@ def terms_for(
 
     longer = tuple(lengthening(model, experiments))
     every = (*springs(model), *relaxation(model, longer, longest(experiments)), *inputs(model, experiments),
-             *places(model, experiments), *longer)
-    return tuple(t for t in every if (not only or named(t, only)) and not named(t, without))
+             *places(model, experiments), *longer, *curved_walls(model, longer))
+    left_out = without if only else (*without, *TERMS_OF_CHAINS[type(mechanics_of(model))].unasked)
+    return tuple(t for t in every if (not only or named(t, only)) and not named(t, left_out))
 
 
 def springs(model: Model) -> Iterator[Term]:
@@ -223,14 +242,18 @@ class ChainTerms(NamedTuple):
         ``springs(model)`` yields the terms of springs that only this kind has.
     grown : float
         Strain along the stations from which a body of this kind may lengthen.
+    unasked : tuple of str
+        Terms that are offered only by name: unseen recordings of planar arms were predicted worse with them.
     """
 
     springs: Callable[[Model], Iterator[Term]]
     grown: float
+    unasked: tuple[str, ...]
 
 
 TERMS_OF_CHAINS: dict[type[Mechanics], ChainTerms] = {
-    PlanarChain: ChainTerms(lambda _: iter(()), GROWN), SpatialChain: ChainTerms(spatial_springs, -np.inf),
+    PlanarChain: ChainTerms(lambda _: iter(()), GROWN, ("joint_damping", "markers", "origin", "wall_stiffening")),
+    SpatialChain: ChainTerms(spatial_springs, -np.inf, ()),
 }
 
 
@@ -247,6 +270,10 @@ def relaxation(model: Model, longer: Sequence[Term], span: float) -> Iterator[Te
     if span > 0.0:
         yield creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), span)
         yield creep("creep_2", "creep_share_2", "creep_time_2", (0.3, 2.0, 15.0), span, needs="creep")
+        if model.n > 1:
+            names = [f"damping_{i + 1}" for i in range(model.n)]
+            yield term("joint_damping", "", [Parameter(n, shrink=UNEQUAL) for n in names], dict.fromkeys(names, 1.0),
+                       replaces=("damping",))  # fmt: skip
     yield branch("slip", "", "slip_share_1", "slip_angle_1", (0.003, 0.02, 0.1))
     if model.actuation.tendons:
         yield term("tendon_friction", "", [Parameter("friction", 0.1)], {"friction": NO_SHARE})
@@ -303,11 +330,13 @@ def branch(name: str, owner: str, share: str, inner: str, grid: Sequence[float],
 
 
 def inputs(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
-    """Yield the terms of the inputs: torque laws of chambers, lags of valves, offset of the clock."""
+    """Yield the terms of the inputs: torque laws of chambers, tensions of tendons, lags of valves, the clock."""
     driven = [e for e in experiments if e.excitation != "release"]
     for start, chamber in zip(prefixes(model), model.chambers, strict=True) if driven else ():
         if chamber.uses("torque") and shows_curvature(chamber, driven):
             yield from torque_laws(start, chamber, highest_level(driven))
+    for name, parameters in tensions(model, driven).items():
+        yield term(name, "", parameters, values_of(parameters))
     if all(e.poses for e in driven):
         return
     slow = [start for start, c in zip(prefixes(model), model.chambers, strict=True) if has_effect("valve_rise_time", c)]
@@ -377,23 +406,44 @@ def torque_laws(start: str, chamber: ActuationInput, highest: float) -> Iterator
 
 
 def places(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
-    """Yield the error of the base tangent, for recordings of positions."""
+    """Yield the error of the base, and the places of all markers but the last, for recordings of positions."""
     if all(e.without_positions for e in experiments):
         return
     now = {n: v for n, v in mechanics_of(model).base_values.items() if n != "base_tilt_z"}
     yield term("base", "", [Parameter(n, v) for n, v in now.items()], now)
+    offsets = {f"base_{axis}": 0.0 for axis in "xyz"[: mechanics_of(model).dimension]}
+    yield term("origin", "", [Parameter(n, v) for n, v in offsets.items()], offsets)
+    if markers := other_markers(model, experiments):
+        yield term("markers", "", markers, values_of(markers))
 
 
 def lengthening(model: Model, experiments: Sequence[Experiment]) -> Iterator[Term]:
-    """Yield a segment that lengthens under pressure, for a body of constant length in space, or in a plane if its
-    stations move apart by 1 %.
+    """Yield a segment that lengthens under pressure, or the segments that tendons shorten, for a body of constant
+    length in space, or in a plane if its stations move apart by 1 %.
     """
     gains = [f"{start}axial_gain" for start, c in zip(prefixes(model), model.chambers, strict=True)
              if c.uses("axial_gain")]  # fmt: skip
     apart = max([grown(e) for e in experiments if not e.without_positions and len(e.stations) > 1], default=0.0)
     chain = mechanics_of(model)
-    if chain.lengthens or not gains or not apart > TERMS_OF_CHAINS[type(chain)].grown:
+    if chain.lengthens or not apart > TERMS_OF_CHAINS[type(chain)].grown:
         return
-    yield term("lengthening", "", [*(Parameter(n, 0.0) for n in gains), held("axial_stiffness", 1000.0),
-                                   held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),
-               extension=Extension(1000.0, 10.0))  # fmt: skip
+    if gains:
+        yield term("lengthening", "", [*(Parameter(n, 0.0) for n in gains), held("axial_stiffness", 1000.0),
+                                       held("axial_damping", 10.0)], dict.fromkeys(gains, 0.0),
+                   segments=(Extension(1000.0, 10.0),))  # fmt: skip
+    elif segments := segments_of_tendons(model):
+        stiff = [Parameter(f"{e.name}.axial_stiffness", e.stiffness, prior_std=FIRM * e.stiffness) for e in segments]
+        damped = [held(f"{e.name}.axial_damping", e.damping) for e in segments]
+        grid = ({n: factor * k for n, k in values_of(stiff).items()} for factor in SOFTER)
+        yield term("segments", "", [*stiff, *damped], {}, grid=tuple(grid), segments=segments)
+
+
+def curved_walls(model: Model, longer: Sequence[Term]) -> Iterator[Term]:
+    """Yield a wall that stiffens with the strain, for a body that lengthens or that a term in `longer` lengthens."""
+    names = ("axial_stiffening", "axial_cubic_stiffening")
+    for needs, segments in (*((t.name, t.segments) for t in longer), ("", model.extensions)):
+        curved = tuple(replace(e, stiffening=e.stiffening or 0.0, cubic_stiffening=e.cubic_stiffening or 0.0,
+                               stiffens_bending=model.space is not None) for e in segments)  # fmt: skip
+        if curved:
+            yield term("wall_stiffening", "", [Parameter(n, 0.0) for n in names], dict.fromkeys(names, 0.0),
+                       needs=needs, segments=curved)  # fmt: skip
