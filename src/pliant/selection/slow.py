@@ -96,11 +96,15 @@ def settled(exp: Experiment, constant: float = 0.0, most: int = FRAMES) -> Exper
     return replace(few, poses=True, drives={n: t for n, t in traces.items() if n}, pressure=next(iter(traces.values())))
 
 
+def of_inputs_alone(train: Sequence[Experiment]) -> bool:
+    """Return whether all recordings show positions under measured inputs alone."""
+    return all(e.excitation == "trace" and not (e.poses or e.without_positions or e.forces or e.further or e.base)
+               for e in train)  # fmt: skip
+
+
 def may_be_slow(train: Sequence[Experiment]) -> bool:
     """Return whether all recordings show positions under measured inputs alone, without a free decay."""
-    plain = all(e.excitation == "trace" and not (e.poses or e.without_positions or e.forces or e.further or e.base)
-                for e in train)  # fmt: skip
-    return plain and all(free_decay(e) is None for e in train)
+    return of_inputs_alone(train) and all(free_decay(e) is None for e in train)
 
 
 @dataclass(frozen=True)

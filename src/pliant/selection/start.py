@@ -1,9 +1,9 @@
 """The fitted model with which a search begins: settled shapes come first for a body that moves slowly, and for a body
-in space that follows its inputs at once.
+in space that follows its inputs nearly at once.
 
-Where the inputs of a frame alone explain most of its pose, frames are nearly settled shapes, and a few of them
-determine gains, directions and the places of markers in seconds. A fit of the motion from there begins near its
-optimum, and takes few evaluations of a long recording.
+Where the inputs of a frame alone explain half of its pose or more, a few frames taken as settled shapes determine
+gains, directions and the places of markers in seconds. A fit of the motion from there begins near its optimum, and
+takes few evaluations of a long recording.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from pliant.selection.slow import (
     SlowBody,
     first_parameters,
     left_by,
-    may_be_slow,
     moved_and_inputs,
+    of_inputs_alone,
     settled,
     slow_body,
 )
@@ -38,7 +38,8 @@ from pliant.selection.terms import Term
 
 Notify = Callable[[str], None]
 Begun = tuple[FitSetting, FittedModel, list[Term]]
-EXPLAINED = 0.8  # of the variance of the motion that the inputs of the same frames must explain
+EXPLAINED = 0.5  # of the variance of the motion that inputs of the same frames explain, for a start from settled shapes
+SETTLED = 0.8  # of it, from which settled shapes also choose terms
 STATIC_EVALUATIONS = 30
 SHAPES = 160  # settled shapes of all recordings, at least, from which terms are chosen
 MANY, ALMOST = 20, 1e-3  # free parameters, above which a fit of the motion stops at a coarser change of its cost
@@ -84,13 +85,15 @@ def quick_start(
     whole: FitSetting, setting: FitSetting, model: Model, common: Sequence[Entry], time_step: float | None,
     notify: Notify, terms: Sequence[Term] = (), minutes: float = 0.0,
 ) -> Begun | None:
-    """Return what `first_model` returns for a body in space that follows its inputs at once in the recordings of
+    """Return what `first_model` returns for a body in space that nearly follows its inputs in the recordings of
     `whole`, fitted to those of `setting`, with those of the `terms` that settled shapes show in a part of the `minutes`
-    of the search; None if it does not, or with a warning if that start cannot be simulated.
+    of the search, if it follows at once; None if it does not, or with a warning if that start cannot be simulated.
     """
-    if model.space is None or not follows_at_once(whole.experiments, model):
+    share = 0.0 if model.space is None else explained_at_once(whole.experiments, model)
+    if share < EXPLAINED:
         return None
-    notify("the body follows its inputs at once: settled shapes come first")
+    terms = terms if share >= SETTLED else ()
+    notify(f"the inputs of each frame explain {100 * share:.0f} % of its pose: settled shapes come first")
     try:
         still, chosen = fit_of_settled_shapes(setting, model, common, terms, STATIC_PART * 60.0 * minutes, notify)
         return (*fit_begun_at(still, setting, model, common, time_step), chosen)
@@ -131,14 +134,14 @@ def first_fit(
         return first
 
 
-def follows_at_once(train: Sequence[Experiment], model: Model) -> bool:
-    """Return whether the inputs of each frame alone explain most of the last station's motion, in recordings of
-    positions under measured inputs.
+def explained_at_once(train: Sequence[Experiment], model: Model) -> float:
+    """Return the fraction of the variance of the last station's motion that the inputs of each frame alone explain, in
+    recordings of positions under measured inputs; 0 for others.
     """
-    if not may_be_slow(train):
-        return False
+    if not of_inputs_alone(train):
+        return 0.0
     moved, now, _ = moved_and_inputs(train, model.actuation.names, ())
-    return left_by([now], moved) < (1.0 - EXPLAINED) * float(((moved - moved.mean(axis=0)) ** 2).sum())
+    return 1.0 - left_by([now], moved) / max(float(((moved - moved.mean(axis=0)) ** 2).sum()), 1e-300)
 
 
 def fit_of_settled_shapes(
