@@ -2,7 +2,7 @@
 
 All settings were tuned on actuator a and on variants of it; b and c are run with a's model and their own rest shape.
 Settling: the true tip stays within 2 % of a step of 25 mm. Error: mean of the last 0.4 s. Path: a sine between 7 and
-23 mm at 1 Hz, on a. Estimators: LQR, with the fibre's errors, means over five seeds of the sensors.
+23 mm at 1 Hz, on a. Estimators: LQR on a reference, with the fibre's errors, means over five seeds of the sensors.
 
     python benchmarks/control.py controllers --figure docs/figures/control_step
 """
@@ -31,8 +31,10 @@ MODELS = Path(__file__).parents[1] / "examples" / "control"
 VALVE = SupplyValve(9.01, 6.46, 0.765, 8.12e-3)  # of the rig, found by examples/control/identify.py
 PERIOD, HIGHEST, STEP = 4e-3, 190e3, 0.025
 KINDS: dict[str, dict[str, Any]] = {
-    "LQR": {},
-    "MPC": {"feedback": "mpc"},
+    "PI, shaped, memory inverted": {"feedback": "pid"},
+    "LQR": {"planned": False, "ramp": 0.0},
+    "LQR on a reference": {},
+    "MPC on a reference": {"feedback": "mpc"},
     "MPC, a tenth of the effort": {"feedback": "mpc", "tuning": Tuning(effort=0.03, damping_time=0.05)},
 }
 SEEDS = range(1, 6)  # of the fibre and the gauge
@@ -91,16 +93,17 @@ def controller(kind: str) -> dict[str, Any]:
         "overshoot (%)": tuple(round(100 * (m.max() / STEP - 1)) for m in moved),
         "steady error (mm)": tuple(round(1e3 * (m[-100:].mean() - STEP), 2) for m in moved),
     }
-    clock = np.arange(0.0, 2.0, PERIOD)
-    wanted = 0.015 - 0.008 * np.cos(2 * np.pi * clock) - 0.007 * np.clip(1 - clock / 0.25, 0, 1)
-    run = Loop("a", True, time=clock, displacement=wanted, duration=2.0, path=True, **KINDS[kind])
-    row["path, RMSE on a (mm)"] = 1e3 * float(np.sqrt(np.mean((run.go(2.0)[0] - wanted)[125:] ** 2)))
+    if kind != "LQR":
+        clock = np.arange(0.0, 2.0, PERIOD)
+        wanted = 0.015 - 0.008 * np.cos(2 * np.pi * clock) - 0.007 * np.clip(1 - clock / 0.25, 0, 1)
+        run = Loop("a", True, time=clock, displacement=wanted, duration=2.0, path=True, **KINDS[kind])
+        row["path, RMSE on a (mm)"] = 1e3 * float(np.sqrt(np.mean((run.go(2.0)[0] - wanted)[125:] ** 2)))
     return row
 
 
 def estimator_row(estimator: str) -> dict[str, Any]:
     """Return the row of an estimator: noise of the command and of the tip at rest, and settling without noise."""
-    kind, rows = "LQR", []
+    kind, rows = "LQR on a reference", []
     for body in "abc":
         runs = [stepped(body, kind, seed, estimator) for seed in SEEDS]
         clock = np.arange(runs[0][0].size) * PERIOD
@@ -134,7 +137,7 @@ def figure(path: Path) -> None:
     """Draw the steps of all controllers."""
     from pliant.plotting import new_figure, style
 
-    looks = (("-", 1.4, "0.0"), ("-.", 1.0, "0.0"), ((0, (1, 1)), 1.2, "0.2"))
+    looks = ((":", 0.9, "0.45"), ("--", 0.9, "0.35"), ("-", 1.4, "0.0"), ("-.", 1.0, "0.0"), ((0, (1, 1)), 1.2, "0.2"))
     with style():
         drawn, panels = new_figure(2, 3, height=3.8, sharex=True, sharey="row")
         for column, body in enumerate("abc"):

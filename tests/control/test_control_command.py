@@ -56,7 +56,7 @@ def test_the_example_is_a_task_and_asks_for_nothing(tmp_path):
      ("planned = 1\n", "'planned' must be true or false"), ("[valve]\nrise_hz = 3\n", "'valve.fall_hz' is missing"),
      ("[path]\ntime_s = [0]\n", "'path' needs displacement_mm for one chamber, or some of tip_x_mm"),
      ("[path]\ntime_s = [0]\ndisplacement_mm = [1, 2]\n", "as many displacements as times"),
-     ("feedback = 'bang'\n", "unknown controller 'bang': use one of lqr, mpc")],
+     ("feedback = 'bang'\n", "unknown controller 'bang': use one of lqr, mpc, pid")],
 )  # fmt: skip
 def test_tasks_that_are_none(tmp_path, text, sentence):
     (tmp_path / "t.toml").write_text(text)

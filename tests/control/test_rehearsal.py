@@ -9,18 +9,8 @@ import numpy as np
 import pytest
 
 from pliant.actuators import chen2018
-from pliant.control import (
-    ControllerKind,
-    Limits,
-    SupplyValve,
-    Task,
-    design_lqr,
-    design_outputs,
-    preparation,
-    prepare_control,
-)
+from pliant.control import Limits, PidTuning, SupplyValve, Task, design_lqr, design_outputs, prepare_control
 from pliant.control import rehearsal as rehearsals
-from pliant.control.lqr import CONTROLLER
 from pliant.control.model_plant import ModelPlant
 from pliant.control.preparation import behind_rig
 from pliant.errors import InputError
@@ -91,12 +81,9 @@ def test_no_limit_lets_a_loop_grow(seed):
 
 def test_what_never_settles_is_refused_in_a_sentence(monkeypatch):
     body = load_model(MODEL)
-    fixed = ControllerKind("lqr", CONTROLLER.make, tunable=False)
-    monkeypatch.setattr(preparation, "controller_kind", lambda name: fixed)
-    words = r"not settle .* of 0 \.\.\. 190 kPa and 300 kPa/s and its present tuning: .* mm from its target"
+    words = r"not settle .* of 0 \.\.\. 190 kPa and its present tuning: .* mm from its target"
     with pytest.raises(InputError, match=words):
-        prepared(body, Limits(HIGHEST, 3e5))
-    monkeypatch.undo()
+        prepared(body, Limits(HIGHEST), feedback="pid", pid=PidTuning(0.0, 4e8))
     monkeypatch.setattr(rehearsals, "RAISES", (1.0,))
     with pytest.raises(InputError, match=r"190 kPa and 300 kPa/s and any effort weight from 0.3 to 0.3"):
         prepared(body, Limits(HIGHEST, 3e5))
@@ -116,14 +103,15 @@ def test_margins_and_rehearsal_are_one_line():
     assert not lost.settles
 
 
-def test_the_end_of_a_path_is_a_rest():
+def test_the_end_of_a_trajectory_is_a_rest():
     """A path that stops while it moves: the last point is held, not the last motion."""
     body = load_model(MODEL)
     ready, plant = prepared(
         body, Limits(HIGHEST), planned=True, path=True, time=[0.0, 0.4], displacement=[0.0, 1e-2], duration=0.4
     )
-    assert np.abs(ready.design.beside[-2]).max() > 0.0
-    assert np.abs(ready.design.beside[-1]).max() == 0.0
+    last = ready.trajectory.lead[-1]
+    assert np.abs(ready.trajectory.lead[-2]).max() > 0.0
+    assert np.abs(last).max() == 0.0
     assert np.abs(run(ready, plant, 1.2)[-50:] - 1e-2).max() < 2e-4
 
 
@@ -140,7 +128,7 @@ def test_a_valve_that_no_controller_follows_is_refused_and_the_rigs_own_takes_it
         design_lqr(other, HIGHEST, PERIOD)
     with pytest.raises(InputError, match=f"a controller does not support .* set {name} to 0"):
         design_outputs(other, ("tip_x",), np.zeros((3, 1)), Limits(HIGHEST), PERIOD)
-    task = Task(time=[0.0], displacement=[LEVEL], duration=0.2, planned=False)
+    task = Task(time=[0.0], displacement=[LEVEL], duration=0.2, planned=False, feedback="pid")
     with pytest.raises(InputError, match=f"a controller does not support .* set {name} to 0"):
         prepare_control(other, plant.arc_length, rest, task, Limits(HIGHEST), PERIOD)
     assert behind_rig(other, (SupplyValve(9.0, 6.5, 0.75),)).valve.natural_frequency > 0

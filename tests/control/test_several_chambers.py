@@ -493,6 +493,8 @@ def test_what_does_not_fit_is_refused(tmp_path):
         wanted = {"time": np.zeros(1), "displacement": np.zeros((1, 2)), "duration": 0.1, "outputs": BOTH} | task
         return prepare_control(model, plant.arc_length, frames, Task(**wanted), limits, PERIOD, supply=supply)
 
+    with pytest.raises(InputError, match="'pid' needs one chamber and a fixed length: use lqr or mpc"):
+        ready(feedback="pid")
     with pytest.raises(InputError, match=r"several chambers \(low, high\), so its task must name outputs"):
         ready(displacement=np.zeros(1), outputs=())
     with pytest.raises(InputError, match=r"valves name chamber 'mid', the model has low, high"):

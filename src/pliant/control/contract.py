@@ -78,25 +78,33 @@ class Pipeline(NamedTuple):
 
 @dataclass(frozen=True)
 class ControllerKind:
-    """A type of controller: its name and the function that creates it.
+    """A type of controller: its name, the function that creates it and the tasks that it supports.
 
     Attributes
     ----------
     make : callable
         Function that returns the controller for a `Plan`.
+    follows : {"trajectory", "path", "levels"}
+        What the controller uses of a planned motion of the tip: the motion and its command ("trajectory"), the
+        displacement only ("path"), or nothing ("levels").
     tunable : bool
         Whether the weights of the task's `Tuning` affect the controller.
+    several : bool
+        Whether the controller supports several chambers and bodies that lengthen.
     """
 
     name: str
     make: Callable[[Plan], Controller]
+    follows: str = "trajectory"
     tunable: bool = True
+    several: bool = True
 
 
 GROUP = "pliant.controllers"
 BUILT_IN = {
     "lqr": "pliant.control.lqr:CONTROLLER",
     "mpc": "pliant.control.mpc:CONTROLLER",
+    "pid": "pliant.control.pid:CONTROLLER",
 }
 
 

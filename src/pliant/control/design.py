@@ -155,13 +155,15 @@ class LqrDesign:
     pressure, angle : array (K, C), (K, n)
         Pressures [Pa] and angles [rad] of the reference equilibrium; (K, n + S), strains last, if the body lengthens.
     beside : array (K, N)
-        Deviation of the reference state from that equilibrium [rad, rad/s, kPa]: the rates of a path. It is 0 in the
-        last period, which is held.
+        Deviation of the reference state from that equilibrium [rad, rad/s, kPa]: its rates and, on a planned
+        trajectory, the dynamic deviation of the model. It is 0 in the last period, which is held.
     lead, ahead : array (K, C), (K + 1, N)
         Preview of the later reference: addition to the steady inputs [kPa], and gradient of the cost by the state.
     path : bool
         Whether the reference is a path that is known ahead.
     tuning : Tuning
+    late : int
+        Number of periods by which the measured state is late.
     supply : tuple of SupplyValve or None
         The rig's valve of each chamber, None to use the model's; empty: the model's valve for all chambers.
     along : (array (K,), array (K, m)), optional
@@ -183,13 +185,9 @@ class LqrDesign:
     ahead: Array
     path: bool
     tuning: Tuning
+    late: int
     supply: tuple[SupplyValve | None, ...] = ()
     along: tuple[Array, Array] | None = None
-
-    @property
-    def late(self) -> int:
-        """Number of periods by which the measured state is late."""
-        return round(self.latency / self.period)
 
     @cached_property
     def waiting(self) -> tuple[int, ...]:
@@ -310,7 +308,7 @@ def design_outputs(
     lead, ahead = np.zeros_like(pressure), np.zeros((len(rows) + 1, gains[0].A.shape[0]))
     design = LqrDesign(
         model, outputs, still, period, latency, tuple(gains), index[np.searchsorted(knots, rows)], wanted, pressure,
-        angle, beside, lead, ahead, path, tuning,
+        angle, beside, lead, ahead, path, tuning, round(latency / period),
     )
     if path:
         look_ahead(design)
@@ -374,7 +372,7 @@ def design_lqr(
     return LqrDesign(
         model, outputs, family.tip[0], period, latency, gains, np.arange(grid),
         np.array([rest.value for rest in rests]) - family.tip[0], pressure, angle, np.zeros((grid, N)),
-        np.zeros((grid, 1)), np.zeros((grid + 1, N)), False, tuning,
+        np.zeros((grid, 1)), np.zeros((grid + 1, N)), False, tuning, round(latency / period),
     )
 
 

@@ -52,8 +52,9 @@ class Lqr:
         self.design, self.limits, self.chambers = design, limits, design.model.actuation.count
         self._highest, self._reach = limits.each(self.chambers), limits.slew * design.period
         self._weight = output_weights(design.model, design.outputs)
+        late = round(design.latency / design.period)
         each = zip(design.model.chambers, design.supply or (None,) * self.chambers, strict=True)
-        self._valves = [ValveObserver(c.valve, design.period, late=design.late, supply=s) for c, s in each]
+        self._valves = [ValveObserver(c.valve, design.period, late=late, supply=s) for c, s in each]
         self._rules = (
             self._highest, float(self._reach), float(design.tuning.integral_band), float(design.period), self._weight,
             np.array(design.waiting),

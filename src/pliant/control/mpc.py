@@ -297,4 +297,4 @@ def speeds(rows: Array, period: float) -> Array:
     return np.concatenate([rates, rates[-1:]])
 
 
-CONTROLLER = ControllerKind("mpc", lambda plan: Mpc(plan.design, plan.limits, plan.task.mpc))
+CONTROLLER = ControllerKind("mpc", lambda plan: Mpc(plan.design, plan.limits, plan.task.mpc), follows="path")

@@ -10,10 +10,12 @@ import numpy as np
 
 from pliant.control.design import LqrDesign, design_outputs
 from pliant.control.steady_inputs import Equilibria, equilibria
-from pliant.control.tuning import Limits, MpcTuning, Tuning
+from pliant.control.trajectory import Planner, Trajectory
+from pliant.control.tuning import Limits, MpcTuning, PidTuning, Tuning
 from pliant.control.valve import SupplyValve
 from pliant.errors import InputError
 from pliant.estimation.adaptive_observer import frozen
+from pliant.linear.sampled import KILO
 from pliant.mechanics import mechanics_of
 from pliant.model import Model
 from pliant.shapes import Float
@@ -74,11 +76,10 @@ class Task:
     ramp : float
         Duration of a change that is not planned [s].
     planned : bool
-        Whether set-points change at once, so that the motion is as fast as the limits allow, and the controller looks
-        ahead along a path.
+        Whether changes are planned ahead, as fast as the limits allow; for "pid": shaped (ZVD).
     feedback : str
-        Name of the controller: "lqr", "mpc", or one that an installed package provides.
-    tuning, mpc : Tuning, MpcTuning
+        Name of the controller: "lqr", "mpc", "pid", or one that an installed package provides.
+    tuning, mpc, pid : Tuning, MpcTuning, PidTuning
     outputs : tuple of str
         Outputs that several chambers control: names among tip_x, tip_y [m] and angle_sum [rad], the angle of the last
         link; in space among tip_x, tip_y and tip_z.
@@ -93,6 +94,7 @@ class Task:
     feedback: str = "lqr"
     tuning: Tuning = field(default_factory=Tuning)
     mpc: MpcTuning = field(default_factory=MpcTuning)
+    pid: PidTuning = field(default_factory=lambda: PidTuning(0.0, 4e6))
     outputs: tuple[str, ...] = ()
 
 
@@ -110,6 +112,10 @@ class Plan:
         Control period, and age of the state at the command [s].
     supply : tuple of SupplyValve or None
         The rig's valve of each chamber; None to use the model's.
+    trajectory : Trajectory or None
+        Planned motion of the tip, for one chamber.
+    follows : str
+        What the controller uses of the trajectory, see `ControllerKind`.
     """
 
     task: Task
@@ -118,6 +124,8 @@ class Plan:
     period: float
     latency: float
     supply: tuple[SupplyValve | None, ...]
+    trajectory: Trajectory | None = None
+    follows: str = "trajectory"
 
     @property
     def several(self) -> bool:
@@ -158,37 +166,65 @@ class Plan:
             )
         return levels
 
-    @property
-    def ramp(self) -> float:
-        """Duration of a change between set-points [s]."""
-        return 0.0 if self.task.planned else self.task.ramp
+    def setpoint(self, time: float) -> float:
+        """Return the target displacement [m] of the tip at a time [s], for a task of one chamber."""
+        return float(self.wanted_at(np.array([time]))[0, 0])
 
     def wanted_at(self, times: Array) -> Array:
         """Return the reference (K, m) of m outputs [m, rad] at K times [s]."""
         task = self.task
         if task.path:
             return np.stack([np.interp(times, task.time, column) for column in self.levels.T], axis=1)
-        points = [SetPoint(task.time, column, self.ramp) for column in self.levels.T]
+        points = [SetPoint(task.time, column, task.ramp) for column in self.levels.T]
         return np.array([[point(float(t)) for point in points] for t in times])
 
     @cached_property
     def rows(self) -> Array:
         """Reference (K, m) of m outputs [m, rad] for each of K control periods; after the end the last one is kept."""
         task = self.task
-        last = task.duration if task.path else max(task.duration, float(np.max(task.time)) + self.ramp)
+        last = task.duration if task.path else max(task.duration, float(np.max(task.time)) + task.ramp)
         return self.wanted_at(np.arange(max(round(last / self.period), 1) + 1) * self.period)
+
+    def planned(self) -> Trajectory | None:
+        """Return a planned trajectory of the tip within the limits, or None if the task needs none. If the task states
+        a path, the tip follows it. Otherwise it moves as fast as possible to each set-point.
+        """
+        task = self.task
+        if self.several or not task.planned or self.follows == "levels":
+            return None
+        planner = Planner(self.body, self.family, self.limits, self.period, latency=self.latency, valve=self.supply[0])
+        if task.path:
+            return planner.path(self.wanted_at(np.arange(round(task.duration / self.period)) * self.period)[:, 0])
+        return planner.steps(task.time, self.levels[:, 0], task.duration)
 
     @cached_property
     def design(self) -> LqrDesign:
         """The linear-quadratic regulator that makes the outputs follow the task's reference."""
-        task, outputs, rows = self.task, self.task.outputs, self.rows
-        if not self.several:
-            outputs, rows = TIP, self.family.moved(rows[:, 0])
-        design = design_outputs(
-            frozen(self.body), outputs, rows, self.limits, self.period, tuning=task.tuning, latency=self.latency,
-            path=task.path and task.planned,
-        )
         if self.several:
-            return replace(design, supply=self.supply)
-        way = np.array([self.family.at(p)[2] for p in design.pressure[:, 0]])
-        return replace(design, supply=self.supply, along=(self.rows[:, 0], way))
+            return self.designed(self.task.outputs, self.rows, path=self.task.path and self.task.planned)
+        trajectory, family, late = self.trajectory, self.family, round(self.latency / self.period)
+        far = self.rows[:, 0] if trajectory is None else trajectory.displacement
+        if trajectory is not None and self.follows == "path":  # the reference is delayed as the shape is
+            far = np.append(far[late:], np.full(late, far[-1]))
+        far = np.clip(far, 0.0, family.reach) if trajectory is not None else far
+        moves = trajectory is not None and self.follows == "path"
+        levels = far if trajectory is None or moves else trajectory.wanted
+        design = self.designed(TIP, family.moved(levels), path=moves)
+        way = np.array([family.at(p)[2] for p in design.pressure[:, 0]])
+        design = replace(design, along=(far, way))
+        if trajectory is None or moves:
+            return design
+        beside, sent = design.beside.copy(), 2 * self.body.n
+        beside[:, : trajectory.lead.shape[1] - 1] = trajectory.lead[:, :-1]
+        beside[:, sent:] /= KILO
+        return replace(design, wanted=family.moved(far), beside=beside, lead=trajectory.lead[:, -1:] / KILO, late=0)
+
+    def designed(self, outputs: tuple[str, ...], rows: Array, *, path: bool) -> LqrDesign:
+        """Return the linear-quadratic regulator of the named `outputs` along the reference `rows` (K, m), given as
+        changes from rest.
+        """
+        design = design_outputs(
+            frozen(self.body), outputs, rows, self.limits, self.period, tuning=self.task.tuning, latency=self.latency,
+            path=path,
+        )
+        return replace(design, supply=self.supply)

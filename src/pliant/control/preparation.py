@@ -13,6 +13,7 @@ from pliant.control.design import LqrDesign
 from pliant.control.plan import Plan, Task
 from pliant.control.rehearsal import Rehearsal, RehearsalSetting, limit_aware
 from pliant.control.steady_inputs import output_weights
+from pliant.control.trajectory import Trajectory
 from pliant.control.tuning import Limits
 from pliant.control.valve import SupplyValve, check_followed
 from pliant.errors import InputError
@@ -40,6 +41,7 @@ class Prepared:
     control : Controller
     design : LqrDesign or None
         Linear design; ``print`` shows its stability margins. None for a controller without one.
+    trajectory : Trajectory or None
     rehearsal : Rehearsal or None
         Simulated response of the loop on the body's model within the limits; ``print`` shows it.
     """
@@ -49,6 +51,7 @@ class Prepared:
     estimator: Estimator
     control: Controller
     design: LqrDesign | None
+    trajectory: Trajectory | None
     rehearsal: Rehearsal | None = None
 
     @property
@@ -132,15 +135,17 @@ def prepare_control(
     rest = frames[np.isfinite(frames).all(axis=(1, 2))][0]
     setting = RehearsalSetting(behind_rig(body, each), arc_length, each, period, known["late"])
     latency = 0.0 if seeing.predicts else setting.late * period  # a state that is predicted to the present is not late
-    plan = Plan(task, setting.body, limits, period, latency, each)
-    estimator_setting = Setting(plan.body, period, setting.late)
+    plan = Plan(task, setting.body, limits, period, latency, each, follows=law.follows)
+    if plan.several and not law.several:
+        raise InputError(f"the controller {law.name!r} needs one chamber and a fixed length: use lqr or mpc")
+    plan, estimator_setting = replace(plan, trajectory=plan.planned()), Setting(plan.body, period, setting.late)
 
     def made(tuned: Task) -> Prepared:
         """Return a new estimator and controller for a task, without a simulated rehearsal of the loop."""
         final = replace(plan, task=tuned)
         control, (first, estimator) = law.make(final), (seeing.make(estimator_setting) for _ in range(2))
         warm_up(Pipeline(link_angles.frame, first, control), rest, period)
-        return Prepared(final.body, link_angles, estimator, control, getattr(control, "design", None))
+        return Prepared(final.body, link_angles, estimator, control, getattr(control, "design", None), final.trajectory)
 
     weight = output_weights(body, task.outputs) if plan.several else np.ones(1)
     tuned, rehearsal = limit_aware(

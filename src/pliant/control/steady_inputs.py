@@ -222,6 +222,8 @@ class Equilibria:
         Absolute link angles [rad].
     tip : array (G, 2)
         Tip positions [m] in the model's frame.
+    travel : array (G,)
+        Length of the tip's path through the equilibria, from pressure 0 on [m].
     direction : array (G, 2)
         Unit tangent of the tip's path, towards more pressure.
     """
@@ -229,6 +231,7 @@ class Equilibria:
     pressure: Array
     angle: Array
     tip: Array
+    travel: Array
     direction: Array
 
     @property
@@ -300,4 +303,4 @@ def equilibria(model: Model, highest: float, points: int = POINTS) -> Equilibria
         )
     direction = np.gradient(tip, pressure, axis=0)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return Equilibria(pressure, angle, tip, direction)
+    return Equilibria(pressure, angle, tip, np.concatenate([[0.0], np.cumsum(piece)]), direction)

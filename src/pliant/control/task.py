@@ -23,8 +23,8 @@ EXAMPLE = """\
 period_ms = 4.0
 highest_kpa = 190.0    # of tendons highest_n, highest_mm or highest_rad; one number or one for each
 duration_s = 2.0
-feedback = "lqr"       # or "mpc" (extra mpc)
-planned = true         # changes at once, as fast as the limits allow; false: ramps
+feedback = "lqr"       # or "mpc" (extra mpc), "pid"
+planned = true         # changes as fast as the limits allow; false: ramps
 ramp_s = 0.03          # time of a change that is not planned
 [[setpoint]]
 time_s = 0.0
@@ -198,8 +198,8 @@ class TaskFile(Entry):
     slew_mm_per_s: Positive = Field(math.inf, description="of a displacement")
     slew_rad_per_s: Positive = Field(math.inf, description="of the angle of a motor")
     duration_s: Positive = 2.0
-    feedback: str = Field("lqr", description="the controller: lqr, mpc, or an installed one")
-    planned: Flag = Field(True, description="changes at once, and a path is followed ahead; false: ramps")
+    feedback: str = Field("lqr", description="the controller: lqr, mpc, pid, or an installed one")
+    planned: Flag = Field(True, description="changes as fast as the limits allow, planned ahead; false: ramps")
     ramp_s: Positive = Field(0.03, description="time of a change that is not planned")
     effort: Positive = Field(0.3, description="weight of the command: larger is quieter and slower")
     damping_time_s: Positive = Field(0.09, description="weight of the tip's speed relative to its error")

@@ -1,4 +1,4 @@
-"""Limits of the commands, and weights of the linear-quadratic and predictive controllers."""
+"""Limits of the commands, and weights and gains of the linear-quadratic, predictive and PI-D controllers."""
 
 from __future__ import annotations
 
@@ -109,3 +109,29 @@ class MpcTuning:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.stage) and self.stage > 0 and self.stages >= 2):
             raise InputError(f"predictive control needs stage > 0 s and stages >= 2, got {self}")
+
+
+@dataclass(frozen=True)
+class PidTuning:
+    """Gains of the PI-D controller of the tip displacement, and the cutoff frequency of its derivative.
+
+    Parameters
+    ----------
+    proportional : float
+        Proportional gain [Pa/m].
+    integral : float
+        Integral gain [Pa/(m s)].
+    derivative : float
+        Derivative gain [Pa s/m] of the filtered measurement; the set-point is not differentiated.
+    cutoff : float
+        Cutoff frequency of the derivative's filter [Hz].
+    """
+
+    proportional: float
+    integral: float
+    derivative: float = 0.0
+    cutoff: float = 30.0
+
+    def __post_init__(self) -> None:
+        if min(self.proportional, self.integral, self.derivative) < 0 or not self.cutoff > 0:
+            raise InputError(f"PI-D gains must be >= 0 and the cutoff > 0 Hz, got {self}")

@@ -300,3 +300,34 @@ class ValveObserver:
         if math.isfinite(reading_then):
             self.value = self.value + self._gain * (reading_then - self.value[0])
         return self.value
+
+
+def behind_supply(valve: SupplyValve, command: Array, period: float) -> tuple[Array, Array]:
+    """Return times [s] and the pressures [Pa] behind a valve under K commands (K,) [Pa] that are held for `period` [s]
+    each. The valve's dead time is left out.
+    """
+    parts = max(1, round(period / FINE))
+    pressure = valve.march(np.repeat(command, parts), period / parts, np.zeros(2))
+    return np.arange(pressure.size + 1) * (period / parts), np.append(0.0, pressure)
+
+
+def valve_under(valve: Valve, supply: SupplyValve | None, command: Array, period: float, latency: float) -> Array:
+    """Return a valve's pressure [Pa] and, at order 2, its rate [Pa/s] at the start of K periods, as states (K, order).
+    They follow the commands (K,) [Pa], delayed by `latency` [s] in addition to the dead time.
+    """
+    A, B, names = behind_valve(np.zeros((0, 0)), np.zeros(0), valve)
+    out = np.zeros((command.size, len(names)))
+    if supply is not None:
+        time, pressure = behind_supply(supply, command, period)
+        times = np.arange(command.size) * period - supply.dead_time - latency
+        out[:, 0] = np.interp(times, time, pressure)
+        out[:, 1] = np.interp(times, time, np.gradient(pressure, time[1]))
+    elif names:
+        whole, part = divmod(valve.dead_time + latency, period)
+        early, late = hold(A, B, part), hold(A, B, period - part)
+        sent = np.concatenate([np.zeros(int(whole) + 1), command])
+        x = np.zeros(len(names))
+        for k in range(command.size):
+            out[k] = x
+            x = late[0] @ (early[0] @ x + early[1] * sent[k]) + late[1] * sent[k + 1]
+    return out
