@@ -55,6 +55,22 @@ def test_a_start_on_its_way_to_a_known_minimum_stops(two_bowls: Any) -> None:
     assert "a minimum found before" in told[1]
 
 
+@pytest.mark.parametrize("loss", ["linear", "soft_l1"])
+def test_an_optimisation_stops_at_its_best_iterate_when_its_time_is_over(
+    two_bowls: Any, monkeypatch: pytest.MonkeyPatch, loss: str,
+) -> None:
+    seconds = iter(range(1000))
+    monkeypatch.setattr("pliant.identification.optimise.clock.monotonic", lambda: float(next(seconds)))
+    late = solve(two_bowls, np.array([-3.0]), loss, 100, deadline=2.5)
+    cost = [0.5 * float(np.sum(np.square(two_bowls.residual(np.array([x]))))) for x in dict.fromkeys(two_bowls.asked)]
+    assert late.status == 0
+    assert 3 <= len(cost) <= 6  # from the derivatives at the start and at two iterates
+    assert late.cost == pytest.approx(min(cost))
+    assert late.jac[0] == pytest.approx(2.0 * late.x[0]) or loss == "linear"  # which gives fewer rows
+    never = solve(two_bowls, np.array([-3.0]), loss, 100, deadline=-1.0)
+    assert never.x == pytest.approx([-3.0])
+
+
 def test_robust_losses_take_every_start_to_its_end(two_bowls: Any) -> None:
     best = solve_all(two_bowls, starts(2.0, -2.0, -3.0), "soft_l1", 100, None)
     assert best.x == pytest.approx([-1.0], abs=1e-4)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.signal import lsim, lti
 
 from pliant.identification import Experiment
 from pliant.model import Chamber, Model, Station, chain_model
@@ -70,36 +69,14 @@ def test_settled_shapes_lead_to_the_model_of_a_body_that_rings_faster_than_its_i
     assert found.result.time_step > 2e-3  # frames are 50 ms apart, and the fit has compared steps
 
 
-def arc_of_three_chambers(level: float) -> Experiment:
-    """An arc that bends by the sum of three pressures in steps, as a second-order system of SciPy follows them: the
-    last step is back to none, from where the arc rings.
-    """
-    times = np.arange(0.0, 4.0, 0.01)
-    chamber = np.arange(3)
-    shares = np.array([np.roll([1.0, 0.0, 0.5], k) for k in chamber])
-    steps = np.searchsorted([0.5, 1.4, 2.3, 3.2], times, side="right")
-    pressure = level * np.vstack([np.zeros(3), shares.T, np.zeros(3)])[steps]
-    away = 2.0 * np.pi * chamber / 3.0
-    towards = 3e-5 * pressure @ np.column_stack([np.cos(away), np.sin(away)])
-    omega = 2.0 * np.pi * 4.0
-    system = lti([omega**2], [1.0, 0.6 * omega, omega**2])
-    bend = np.column_stack([lsim(system, towards[:, k], times)[1] for k in range(2)])
-    angle = np.maximum(np.hypot(*bend.T), 1e-9)
-    tip = 0.2 * np.column_stack([*(bend / angle[:, None] ** 2 * (1.0 - np.cos(angle))[:, None]).T,
-                                 np.sin(angle) / angle])  # fmt: skip
-    drives = {f"p{k + 1}": Trace(times, pressure[:, k]) for k in chamber}
-    return Experiment(f"l{level:g}", times, tip[:, None], ("tip",), "trace", drives=drives)
-
-
-@pytest.mark.slow
-def test_three_chambers_whose_steps_a_body_follows_with_ringing_begin_near_their_shapes():
-    """The start values alone lead to a fit that misses the motion altogether: 103 % of the peak displacement."""
-    model = chain_model(length=0.2, mass=0.08, links=5, stiffness=0.4, damping=4e-3, space=True, torque=[1e-6],
-                        gravity=(0.0, 0.0, 9.81), stations=(Station("tip", 4, 0.04),))  # fmt: skip
-    chambers = [Chamber(torque=[1e-6], joint_gain=np.ones(5), name=f"p{k + 1}") for k in range(3)]
-    train = [arc_of_three_chambers(level) for level in (1.5e4, 2.5e4)]
-    found = select_model(train, model.with_(chambers=tuple(chambers)), terms=[])
-    assert found.steps[0].left_out_percent < 30.0
+def test_settled_shapes_hold_nothing_that_only_a_motion_shows(rng):
+    """Frames stamped 50 ms late, and no gravity that would show the stiffness of a body at rest."""
+    exp = recorded(rng, arm(gravity=(0.0, 0.0, 0.0)))
+    late = replace(exp, time=exp.time + 0.05)
+    found = select_model([late], arm(gravity=(0.0, 0.0, 0.0)), terms=[], common=["latency"]).result
+    assert all(p.free for p in found.parameters)
+    assert found.values["latency"] == pytest.approx(0.05, abs=1e-4)
+    assert found.values["stiffness"] == pytest.approx(0.4, rel=0.05)
 
 
 @pytest.mark.slow

@@ -111,6 +111,17 @@ def test_a_draft_shifts_motions_that_begin_alike_to_a_common_rest(tmp_path, rest
     assert "common_rest" not in draft_study(files[:1], tmp_path / "one.toml", length=0.12, mass=0.05).text
 
 
+def test_a_draft_keeps_the_rests_of_loads_and_of_pressures_that_differ_by_less_than_the_atmosphere(tmp_path):
+    for kind, zero, names in (("loads", 0.0, ("low_0g", "mid_50g")), ("absolute", 101.3, ("low", "mid"))):
+        files = []
+        for k, (name, level) in enumerate(zip(names, (30.0, 60.0), strict=True)):
+            columns = table(level)
+            columns[:, 1] += zero + (4.0 * k if zero else 0.0)
+            files.append(write_recording(tmp_path / f"{kind}_{name}.csv", columns))
+        text = draft_study(files, tmp_path / f"{kind}.toml", length=0.12, mass=0.05).text
+        assert "\n# common_rest = true" in text
+
+
 def test_a_draft_names_what_is_wrong(tmp_path):
     files = []
     for name, level in LEVELS_KPA.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,10 @@ SAME = 1e-4  # of the least cost: tolerance within which a start is taken to rea
 
 class SameMinimumError(Exception):
     """Raised during an optimisation that is about to reach a minimum which is known from an earlier start."""
+
+
+class LateError(Exception):
+    """Raised during an optimisation whose time is over."""
 
 
 def solve_all(
@@ -56,7 +61,7 @@ def solve_all(
 
 def solve(
     problem: Problem, x0: Array, loss: str, max_evaluations: int, found: OptimizeResult | None = None,
-    tolerance: float = 1e-9,
+    tolerance: float = 1e-9, deadline: float = np.inf,
 ) -> OptimizeResult:
     """Minimise the residuals of a least-squares problem from scaled start parameters x0 (P,), with exact derivatives.
 
@@ -64,22 +69,21 @@ def solve(
     that size. A step scaled by the derivatives would be far too long for a parameter to which a start is insensitive.
     Some parameters are fitted by their logarithm; see `shifts`.
 
+    After the `deadline`, a value of `time.monotonic`, the iterations stop at the best iterate; the status is then 0, as
+    after the largest number of evaluations.
+
     Raises
     ------
     SameMinimumError
         When the iterates approach the minimum `found` by an earlier start, with the linear loss.
     """
-    from scipy.optimize import least_squares
+    from scipy.optimize import OptimizeResult, least_squares
 
     residual, jacobian = condensed(problem) if loss == "linear" else (problem.residual, problem.jacobian)
     costs: dict[bytes, float] = {}
     shift = shifts(problem)
     logs = np.isfinite(shift)
-    lower, start, upper = (np.where(logs, np.log(np.where(logs, x + shift, 1.0)), x) for x in (
-        problem.bounds[0], x0, problem.bounds[1]))  # fmt: skip
-    if not shares(problem):  # a bound stretches the first step by the root of its distance, which a valley needs alone
-        lower = np.where(logs & (start - lower > FAR_BOUND), -np.inf, lower)
-        upper = np.where(logs & (upper - start > FAR_BOUND), np.inf, upper)
+    lower, start, upper = in_logarithms(problem, x0, shift)
 
     def x_of(move: Array) -> Array:
         y = start + move
@@ -92,21 +96,54 @@ def solve(
 
     def slopes(move: Array) -> Array:
         x = x_of(move)
+        if clock.monotonic() > deadline:
+            raise LateError
         if found is not None and loss == "linear" and runs_into(found, x, costs[move.tobytes()]):
             raise SameMinimumError
+        return rates(x)
+
+    def rates(x: Array) -> Array:
         return jacobian(x) * np.where(logs, x + shift, 1.0)
 
-    best = least_squares(
-        at, np.zeros_like(x0), slopes, bounds=(lower - start, upper - start), loss=loss,
-        f_scale=ROBUST_SIGMAS if problem.weighting == "noise" else ROBUST_FROM * problem.unit,
-        max_nfev=max_evaluations, xtol=tolerance, ftol=tolerance, gtol=1e-10,
-    )
+    try:
+        best = least_squares(at, np.zeros_like(x0), slopes, bounds=(lower - start, upper - start), loss=loss,
+                             f_scale=outlying(problem), max_nfev=max_evaluations, xtol=tolerance, ftol=tolerance,
+                             gtol=1e-10)  # fmt: skip
+    except LateError:
+        move = np.frombuffer(min(costs, key=lambda move: costs[move]))
+        best = OptimizeResult(x=move, cost=costs[move.tobytes()], jac=rates(x_of(move)), status=0,
+                              message="the time was over")  # fmt: skip
     x = x_of(best.x)
     best.jac = best.jac / np.where(logs, x + shift, 1.0)
-    for bound in problem.bounds:  # the search ends a little inside a bound that it runs into
-        x = np.where(np.abs(x - bound) < ON_BOUND, bound, x)
-    best.x = np.clip(x, *problem.bounds)
+    best.x = on_bounds(x, problem.bounds)
     return best
+
+
+def on_bounds(x: Array, bounds: tuple[Array, Array]) -> Array:
+    """Return parameters x (P,) with those on a bound that lie a little inside it, as the search ends where it runs into
+    one.
+    """
+    for bound in bounds:
+        x = np.where(np.abs(x - bound) < ON_BOUND, bound, x)
+    return np.asarray(np.clip(x, *bounds))
+
+
+def outlying(problem: Problem) -> float:
+    """Return the weighted residual above which a robust loss limits its weight."""
+    return ROBUST_SIGMAS if problem.weighting == "noise" else ROBUST_FROM * problem.unit
+
+
+def in_logarithms(problem: Problem, x0: Array, shift: Array) -> tuple[Array, Array, Array]:
+    """Return lower bounds, start values and upper bounds of the free parameters as they are fitted: the logarithm of
+    those whose `shift` is a number, the others as they are.
+    """
+    logs = np.isfinite(shift)
+    lower, start, upper = (np.where(logs, np.log(np.where(logs, x + shift, 1.0)), x) for x in (
+        problem.bounds[0], x0, problem.bounds[1]))  # fmt: skip
+    if not shares(problem):  # a bound stretches the first step by the root of its distance, which a valley needs alone
+        lower = np.where(logs & (start - lower > FAR_BOUND), -np.inf, lower)
+        upper = np.where(logs & (upper - start > FAR_BOUND), np.inf, upper)
+    return lower, start, upper
 
 
 def shifts(problem: Problem) -> Array:

@@ -37,7 +37,8 @@ STEP_ERROR = 0.05  # % of the peak displacement: what halving the time step may 
 @dataclass(frozen=True)
 class FitSetting:
     """What all fits of a search share: recordings, time step [s], weighting and loss of the residuals, the highest
-    number of evaluations, and whether the time step is stated, so that it is not chosen.
+    number of evaluations, whether the time step is stated, so that it is not chosen, and the deadline after which every
+    fit stops at its best iterate (see `time.monotonic`).
     """
 
     experiments: tuple[Experiment, ...]
@@ -46,6 +47,7 @@ class FitSetting:
     loss: str = "linear"
     evaluations: int = EVALUATIONS
     stated_step: bool = False
+    deadline: float = np.inf
 
     def problem(self, model: Model, parameters: Sequence[Parameter]) -> Problem:
         """Return the least-squares problem of a model with observed points and of parameters with start values."""
@@ -267,7 +269,7 @@ def fitted(
     x, converged = problem.start, True
     most = setting.evaluations if evaluations is None else min(evaluations, setting.evaluations)
     if most:
-        end = solve(problem, problem.start, setting.loss, most, tolerance=tolerance)
+        end = solve(problem, problem.start, setting.loss, most, tolerance=tolerance, deadline=setting.deadline)
         x, converged = end.x, end.status > 0
     residual = problem.data_residual(x)
     if problem.broken:

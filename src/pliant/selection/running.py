@@ -34,6 +34,7 @@ MOST_OTHERS = 8  # models that are kept during the search, of which some are riv
 ROUGH, ROUGH_EVALUATIONS = 1e-3, 12  # relative change of the cost, and evaluations, at which a trial of a term stops
 SAME = 1e-3  # of the parent's cost: a child's optimum above it has not converged
 WHITE = 0.7  # of the number of residuals: as many independent ones show no error of the model
+FIRST = "stiffness, damping and torque"  # title of the model without any term
 RESERVE = 0.15  # of the time: kept for the last fit
 FEWEST_EVALUATIONS = 3  # of a fit, however little time is left
 
@@ -79,7 +80,7 @@ class RunningSearch:
         self.parts, self.first = parts_of(self.best), tuple(self.first) or tuple(self.best.parameters)
         self.score = self.scored(self.best)
         if not self.steps:
-            self.record("", ", ".join(["stiffness, damping and torque", *(t.title for t in self.chosen)]))
+            self.record("", ", ".join([FIRST, *(t.title for t in self.chosen)]))
 
     def model(self, *more: Term) -> Model:
         """Return the given model with the segments that the chosen terms and `more` need."""

@@ -27,7 +27,7 @@ from pliant.selection.fitted import (
 )
 from pliant.selection.restart import exchanged, from_each_row, rescaled, restarted
 from pliant.selection.result import ModelSelection, TriedTerm
-from pliant.selection.running import SAME, RunningSearch
+from pliant.selection.running import FIRST, SAME, RunningSearch
 from pliant.selection.screen import TermProposal
 from pliant.selection.terms import Term
 
@@ -265,13 +265,13 @@ class Search(RunningSearch):
         x = self.best.x
         for _ in range(2 if problem.learns else 0):
             x = solve(problem, x, self.setting.loss, self.affordable(LAST_EVALUATIONS, last=True),
-                      tolerance=TOLERANCE).x  # fmt: skip
+                      tolerance=TOLERANCE, deadline=self.deadline).x  # fmt: skip
             problem.learn_sizes(x)
         evaluations = self.affordable(LAST_EVALUATIONS, last=True)
-        best = solve(problem, x, self.setting.loss, evaluations)
+        best = solve(problem, x, self.setting.loss, evaluations, deadline=self.deadline)
         self.setting = replace(self.setting, time_step=problem.time_step)
         self.best = FittedModel(problem, best.x, problem.data_residual(best.x), problem.data_jacobian(best.x))
-        late = best.status == 0 and evaluations < LAST_EVALUATIONS
+        late = best.status == 0 and (evaluations < LAST_EVALUATIONS or clock.monotonic() > self.deadline)
         failure = "stopped at the time limit before it converged: raise minutes" if late else ""
         return finished(problem, best, self.setting.loss, None, clock.perf_counter() - began, failure)
 
@@ -280,8 +280,10 @@ class Search(RunningSearch):
         recordings do not determine it.
         """
         names = ", ".join(t.title for t in self.chosen) or "no further term"
-        first, last = self.steps[0].left_out_percent, self.steps[-1].left_out_percent
-        if settled := [step.title for step in self.steps if step.name.startswith("=")]:
+        first, last = self.steps[0], self.steps[-1].left_out_percent
+        without = f" ({first.left_out_percent:.3g} % without these terms)" if first.title == FIRST else ""
+        there = {f"={p.name}" for p in self.best.parameters}
+        if settled := [step.title for step in self.steps if step.name in there]:
             stop += f"; not determined, but needed: {', '.join(settled)}"
         return (f"{names}: left-out parts of the training recordings are predicted with {last:.3g} % of the peak "
-                f"displacement ({first:.3g} % without these terms); {stop}")
+                f"displacement{without}; {stop}")

@@ -16,7 +16,7 @@ from pliant.options import with_defaults
 from pliant.selection.first_model import Entry, determined, name_of, scale_of
 from pliant.selection.fitted import FitSetting, fitted
 from pliant.selection.result import ModelSelection
-from pliant.selection.running import Notify
+from pliant.selection.running import RESERVE, Notify
 from pliant.selection.saved import SearchFile
 from pliant.selection.search import Search
 from pliant.selection.start import first_model
@@ -101,25 +101,28 @@ def select_model(
     check_options(how)
     began, notify = clock.monotonic(), progress or (lambda _line: None)
     deadline = began + 60 * how["minutes"]
+    first_fits = deadline - RESERVE * (deadline - began)
     names = frozenset(map(name_of, common))
     file, state = how["file"], None if how["file"] is None else how["file"].load()
     terms = terms_for(model, train) if how["terms"] is None else how["terms"]
     if state is None:
-        setting, parent, chosen = first_model(train, model, common, terms, how, notify)
+        setting, parent, chosen = first_model(train, model, common, terms, how, first_fits, notify)
         start = model.with_(stations=parent.model.stations)
-        terms = [t.on(start) for t in in_order(terms, chosen)]
+        chosen = [t.on(start) for t in chosen]
+        terms = in_order([t.on(start) for t in terms], chosen)
         return Search(setting, start, determined(parent, setting), terms, began, deadline, notify, file, chosen,
                       stated=names).run()
     stated = how["time_step"] is not None
-    setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"], stated_step=stated)
-    chosen = [t for name in state.terms for t in (*terms, *scale_of(state.first, names)) if t.name == name]
+    setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"], stated_step=stated,
+                         deadline=first_fits)  # fmt: skip
     longer = model
-    for term in chosen:
+    for term in (t for name in state.terms for t in terms if t.name == name):
         longer = term.model(longer)
     best = fitted(setting, longer, state.parameters, prior_weight=state.prior_weight, evaluations=0)
-    notify(f"goes on from a run that was stopped: {', '.join(t.title for t in chosen) or 'no term'} so far")
     start = model.with_(stations=best.model.stations)
     terms = [t.on(start) for t in terms]
+    chosen = [t for name in state.terms for t in (*terms, *scale_of(state.first, names)) if t.name == name]
+    notify(f"goes on from a run that was stopped: {', '.join(t.title for t in chosen) or 'no term'} so far")
     return Search(setting, start, best, terms, began - state.seconds, deadline, notify, file, chosen,
                   list(state.steps), stated=names, first=state.first,
                   dropped={s.name[1:] for s in state.steps if s.name.startswith("-")}).run()

@@ -49,13 +49,13 @@ OF_MOTION = ("damping", "axial_damping")  # parameters that settled shapes do no
 
 def first_model(
     train: Sequence[Experiment], model: Model, common: Sequence[Entry], terms: Sequence[Term], how: Mapping[str, Any],
-    notify: Notify,
+    deadline: float, notify: Notify,
 ) -> Begun:
-    """Return the setting of all fits of a search, the fitted model with which it begins, and the terms that this model
-    has already.
+    """Return the setting of all fits of a search, which stop at the `deadline`, the fitted model with which it begins,
+    and the terms that this model has already.
     """
     stated = how["time_step"] is not None
-    setting = FitSetting(tuple(train), 0.0, how["weighting"], how["loss"], stated_step=stated)
+    setting = FitSetting(tuple(train), 0.0, how["weighting"], how["loss"], stated_step=stated, deadline=deadline)
     slow = slow_body(setting, model)
     if slow is not None:
         notify(slow.sentence)
@@ -163,12 +163,14 @@ def fit_begun_at(
     still: FittedModel, setting: FitSetting, model: Model, common: Sequence[Entry], time_step: float | None,
 ) -> tuple[FitSetting, FittedModel]:
     """Return the setting of all fits of a search, and the fit of the first model to the motion, begun at the fit
-    `still` of settled shapes. Damping begins at its first guess.
+    `still` of settled shapes. What these do not show, such as damping, begins at its first guess.
     """
-    train, shown = setting.experiments, {p.name for p in still.parameters}
+    train, shown = setting.experiments, {p.name for p in still.problem.free}
     many = len(still.problem.free) > MANY
-    moving = [p for p in first_parameters(model, train, common) if p.name not in shown]
-    begun = [*still.parameters, *moving]
+    listed = first_parameters(model, train, common)
+    names = {p.name for p in listed}
+    begun = [*(p.with_(value=still.values[p.name]) if p.name in shown else p for p in listed),
+             *(p for p in still.parameters if p.name not in names)]  # fmt: skip
     values = {p.name: p.value for p in begun if p.value is not None}
     setting = replace(setting, time_step=time_step or fit_step(still.model, values, train))
     if time_step is None:

@@ -27,7 +27,8 @@ def with_static_terms(
     still : FittedModel
         The first model, fitted to the shapes.
     names : collection of str
-        Names of the terms that may be added. Those that the shapes cannot show are left out.
+        Names of the terms that may be added. Those that the shapes cannot show, and those that replace a parameter of
+        the first model, are left out.
     stated : frozenset of str
         Names of parameters that are the same in every model.
     seconds : float
@@ -35,7 +36,8 @@ def with_static_terms(
     """
     model = apply(still.model, still.values)
     offered = terms_for(model, shapes.experiments)
-    terms = [t.on(model) for t in offered if t.name in names and t.name not in OF_THE_PATH]
+    terms = [t.on(model) for t in offered
+             if t.name in names and t.name not in OF_THE_PATH and not t.replaces]  # fmt: skip
     if not terms:
         return still, []
     began = clock.monotonic()

@@ -106,14 +106,21 @@ def payload(out: Lines, trial: Trial) -> None:
     """Write the additional mass at the tip that the name of the file states, such as 100g, or ask for its unit if the
     name states a number alone, such as load52.
     """
-    name, meaning = trial.path.stem, "kg, additional mass at the tip: the name of the file"
-    if stated := GRAMS.search(name):
-        mass = float(stated[1]) * KILOGRAM[stated[2].lower()]
-        if mass:
-            out.put("known", {"tip_mass": mass}, f"{meaning} says {stated[0]}")
-    elif LOADED.search(name):
+    name, mass, meaning = trial.path.stem, stated_load(trial), "kg, additional mass at the tip: the name of the file"
+    if mass == OPEN:
         out.put("known", {"tip_mass": OPEN}, f"{meaning} is {name}; 0 for none")
         out.questions.append("tip_mass: kg, additional mass at the tip that the name of a file states")
+    elif mass:
+        out.put("known", {"tip_mass": mass}, f"{meaning} is {name}")
+
+
+def stated_load(trial: Trial) -> float | str:
+    """Return the additional mass at the tip [kg] that the name of the file states, such as 100g; "?" if it states a
+    number alone, such as load52; 0 if none.
+    """
+    if stated := GRAMS.search(trial.path.stem):
+        return float(stated[1]) * KILOGRAM[stated[2].lower()]
+    return OPEN if LOADED.search(trial.path.stem) else 0.0
 
 
 def stated_rest(trial: Trial, kind: Kind) -> list[float] | None:

@@ -8,12 +8,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pliant.preprocessing.plausibility.pressure import ABSOLUTE, unloaded
 from pliant.preprocessing.side import alignment_of
 from pliant.recording.inputs import recorded_inputs
 from pliant.study.column_guess import TableGuess
 from pliant.study.draft_inputs import LINKS, can_be_slack, input_names
+from pliant.study.draft_recordings import stated_load
 from pliant.study.inspected import LATER, Inspected
 from pliant.study.kinds import switched_on
 from pliant.study.shorthand import OPEN
@@ -24,7 +26,7 @@ EARTH = 9.81  # m/s^2
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 MINUTES = 5
 FINE = 0.01  # of the largest rotation: steps of an angle that show how links differ
-SAME_INPUT = 0.05  # of the largest value of an input of its kind: difference between inputs that count as the same
+SAME_INPUT = 0.05  # of the widest range of an input of its kind: difference between inputs that count as the same
 WAYS = {"along": "position of this station on its link", "across": "across it", "aside": "perpendicular to both"}
 
 
@@ -248,26 +250,37 @@ def common_rest(out: Lines, inspected: Inspected) -> None:
 
 
 def rest_alike(trials: Sequence[Trial]) -> bool:
-    """Return whether each recording has a rest that its alignment used, and all of them rest under the same inputs,
-    within 5 % of the largest value of an input of this kind.
+    """Return whether all recordings show the same stations, with the same load, each with a rest that its alignment
+    used, and rest under the same inputs, within 5 % of the widest range of an input of this kind.
     """
-    resting, largest = list[dict[str, float]](), dict[str, float]()
-    for trial in trials:
-        if trial.aligned is None or "alignment" not in trial.aligned.attrs or switched_on(trial) is not None:
-            return False
-        start, stop = alignment_of(trial.aligned).rest_s
-        resting.append({})
-        for signal in recorded_inputs(trial.recording):
-            during = signal.values[(signal.time >= start) & (signal.time <= stop)]
-            resting[-1][f"{signal.kind} {signal.name}"] = float(np.nanmedian(during)) if during.size else np.nan
-            most = float(np.nanmax(np.abs(signal.values), initial=0.0))
-            largest[signal.kind] = max(largest.get(signal.kind, 0.0), most)
-    first, *others = resting
+    bodies = [t.aligned for t in trials if t.aligned is not None and "alignment" in t.aligned.attrs]
+    if len(bodies) < len(trials) or any(switched_on(t) is not None for t in trials):
+        return False
+    stations, loads = {tuple(b["station"].values.tolist()) for b in bodies}, {stated_load(t) for t in trials}
+    if len(stations) > 1 or len(loads) > 1 or OPEN in loads:
+        return False
+    first, *others = (resting_inputs(b) for b in bodies)
+    ranges = dict[str, float]()
+    for signal in (s for b in bodies for s in recorded_inputs(b)):
+        wide = float(np.nanmax(signal.values) - np.nanmin(signal.values))
+        ranges[signal.kind] = max(ranges.get(signal.kind, 0.0), wide)
     return bool(first) and all(
         other.keys() == first.keys()
-        and all(abs(other[n] - value) <= SAME_INPUT * largest[n.partition(" ")[0]] for n, value in first.items())
+        and all(abs(other[key] - value) <= SAME_INPUT * ranges[key[0]] for key, value in first.items())
         for other in others
     )
+
+
+def resting_inputs(body: xr.Dataset) -> dict[tuple[str, str], float]:
+    """Return the median [SI] of each input of an aligned recording during its rest, by kind and name; NaN for one that
+    was not sampled then.
+    """
+    start, stop = alignment_of(body).rest_s
+    resting = dict[tuple[str, str], float]()
+    for signal in recorded_inputs(body):
+        during = signal.values[(signal.time >= start) & (signal.time <= stop)]
+        resting[signal.kind, signal.name] = float(np.nanmedian(during)) if np.isfinite(during).any() else np.nan
+    return resting
 
 
 def alignment(out: Lines, trial: Trial) -> None:
