@@ -110,8 +110,10 @@ def select_model(
         start = model.with_(stations=parent.model.stations)
         chosen = [t.on(start) for t in chosen]
         terms = in_order([t.on(start) for t in terms], chosen)
-        return Search(setting, start, determined(parent, setting), terms, began, deadline, notify, file, chosen,
-                      stated=names).run()
+        best, added = determined(parent, setting), {p.name for t in chosen for p in t.adds}
+        first = [p for p in best.parameters if p.name not in added]
+        return Search(setting, start, best, terms, began, deadline, notify, file, chosen, stated=names,
+                      first=first).run()
     stated = how["time_step"] is not None
     setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"], stated_step=stated,
                          deadline=first_fits)  # fmt: skip
