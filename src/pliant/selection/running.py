@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
@@ -148,12 +148,12 @@ class RunningSearch:
         """Keep a model as a possible rival of the chosen one; those with the lowest criteria stay."""
         self.others = sorted([*self.others, (score, title, fit)], key=lambda c: c[0])[:MOST_OTHERS]
 
-    def vague(self, term: Term) -> dict[str, str]:
-        """Return the parameters of a term that neither the recordings nor a prior determine, each with its value and
-        error.
+    def vague(self, term: Term, errors: Mapping[str, float | None]) -> dict[str, str]:
+        """Return the parameters of a term that neither a prior nor the recordings determine, as the standard `errors`
+        (SI) say, each with its value and error.
         """
         prior = {p.name for p in self.best.problem.free if p.prior_std}
-        vague = undetermined(self.best.values, self.best.doubts, term)
+        vague = undetermined(self.best.values, errors, term)
         return {name: text for name, text in vague.items() if name not in prior}
 
     @property

@@ -203,7 +203,7 @@ class Search(RunningSearch):
         recordings do not determine the term, by 10 %. A term whose loss, by linearisation, raises the cost beyond doubt
         is not fitted.
         """
-        vague = self.vague(term)
+        vague = self.vague(term, self.best.standard_errors)
         beyond = not vague and not term.replaces and cost_without(self.best, term) > (1 + 2 * MATERIAL) * self.best.cost
         if beyond:
             return None
@@ -243,7 +243,8 @@ class Search(RunningSearch):
         it as text, and its value without effect; None for that of a time, an angle or a limit, which come first. None
         if all are determined.
         """
-        vague = [(name, text, term.null.get(name)) for term in self.chosen for name, text in self.vague(term).items()]
+        vague = [(name, text, term.null.get(name)) for term in self.chosen
+                 for name, text in self.vague(term, self.best.doubts).items()]  # fmt: skip
         upper = {p.name: p.upper for p in self.best.problem.free}
         vague += [(name, "that it is as long as they are, or longer", None) for term in self.chosen
                   for name in term.limits if self.best.values[name] >= (1.0 - 1e-6) * upper.get(name, np.inf)]
