@@ -6,7 +6,8 @@ and 180 train a model selection. The other recordings are used neither in the fi
 times are fitted. The rod has 60 elements. A later run goes on from the rows in
 results/family_sweep.json.
 
-    python benchmarks/family_sweep.py --first 200 --seeds 20 --figure docs/figures/family_sweep
+    python benchmarks/family_sweep.py --first 200 --seeds 20
+    python benchmarks/family_sweep.py --figure docs/figures/family_sweep.svg
 """
 
 from __future__ import annotations
@@ -162,7 +163,7 @@ def summary(rows: list[Row]) -> dict[str, dict[str, str]]:
 
 def figure(rows: list[Row], path: Path) -> None:
     """Draw every seed as a dot and medians as bars, metric by metric."""
-    from pliant.plotting import new_figure, style
+    from pliant.plotting import new_figure, save_figure, style
 
     with style():
         drawn, panels = new_figure(2, 4, height=4.0)
@@ -175,7 +176,7 @@ def figure(rows: list[Row], path: Path) -> None:
                       xticklabels=["0.66", "1.3", "2"], xlabel="x training maximum")
         for panel in panels.flat[len(METRICS) :]:
             panel.set_axis_off()
-        drawn.savefig(path)
+        save_figure(drawn, path)
 
 
 def main() -> None:

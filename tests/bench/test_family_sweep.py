@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -60,3 +62,12 @@ def test_the_summary_counts_and_finds_the_worst(family_sweep):
     lines = family_sweep.summary(rows)
     assert lines["tip, RMS, % of length"]["2 times"] == "90.0, 98.0, 100.0 (3)"
     assert lines["within the 95 % band, %"]["2 times"] == "90.0, 66.0, 60.0 (3)"
+
+
+def test_the_documented_command_renews_the_figure_of_the_page(family_sweep, tmp_path):
+    path = Path(re.search(r"--figure (\S+)", family_sweep.__doc__)[1])
+    names = [f"{case}_{metric}" for case in family_sweep.CASES for metric in family_sweep.METRICS]
+    family_sweep.figure([dict.fromkeys(names, value) for value in (60.0, 90.0)], tmp_path / path.name)
+    written = [file.name for file in tmp_path.iterdir()]
+    assert f"figures/{written[0]}" in (family_sweep.KEPT.parents[2] / "docs/judging_a_fit.md").read_text("utf-8")
+    assert written == [path.name]

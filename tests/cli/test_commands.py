@@ -129,6 +129,20 @@ def test_a_body_that_never_rests_and_whose_base_no_station_shows(tmp_path):
     assert "--origin must be X,Y,Z in m" in str(invoke(*words, "--rest", "0,0.02", "--origin", "0,high,0").exception)
 
 
+def test_a_table_without_a_rest_is_named_with_the_options_that_state_it(tmp_path):
+    rows = [f"{t:.2f},0,0,0,{20 * np.sin(9 * t):.3f},{80 + 3 * np.cos(9 * t):.3f},0" for t in np.arange(101) / 100]
+    table = "\n".join(["t,base_x [mm],base_y [mm],base_z [mm],tip_x [mm],tip_y [mm],tip_z [mm]", *rows])
+    (tmp_path / "nr.csv").write_text(table, encoding="utf-8")
+    done = program("shape", "nr.csv", "-o", "clean.csv", cwd=tmp_path)
+    assert done.returncode == 2
+    said = " ".join(done.stderr.split())
+    assert "nr.csv: the body is never at rest for 0.1 s: state `rest` = [start, end], s" in said
+    assert "in [alignment.options] of a study, or --rest of pliant shape" in said
+    done = program("shape", "nr.csv", "-o", "clean.csv", "--rest", "5,6", cwd=tmp_path)
+    assert "nr.csv: the rest window 5 to 6 s contains no frame" in " ".join(done.stderr.split())
+    assert program("shape", "nr.csv", "-o", "clean.csv", "--rest", "0,0.02", cwd=tmp_path).returncode == 0
+
+
 def swinging() -> np.ndarray:
     """Points (60, 3, 3) of a body that rests for half a second and then bends."""
     kappa = 1e-6 + 4 * np.clip(np.arange(60) / 50 - 0.5, 0, None)[:, None]

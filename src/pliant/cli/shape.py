@@ -45,7 +45,7 @@ def shape(
     """
     from pliant.cli.reading import read_with_mapping, vector
     from pliant.cli.terminal import busy
-    from pliant.errors import InputError
+    from pliant.errors import InputError, inside
     from pliant.preprocessing.align import align
     from pliant.preprocessing.quality import quality
     from pliant.recording import write
@@ -64,15 +64,14 @@ def shape(
             body_length=body_length, cap_curvature=cap_curvature, cap_length=cap_length, gauge_length=gauge_length,
             clamp_length=clamp_length, start=start,
         )
-        with busy("finding the tip"):
+        with busy("finding the tip"), inside(file.name):
             clean, status = body_of_fibre(raw, fibre, space=space)
     else:
-        with busy("aligning"):
-            clean = align(
-                raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space,
-                rest=vector(rest, 2, f"--rest must be START,STOP in s, got {rest!r:.60}", "s") if rest else None,
-                origin=vector(origin, 3, f"--origin must be X,Y,Z in m, got {origin!r:.60}", "m") if origin else None,
-            )
+        window = vector(rest, 2, f"--rest must be START,STOP in s, got {rest!r:.60}", "s") if rest else None
+        place = vector(origin, 3, f"--origin must be X,Y,Z in m, got {origin!r:.60}", "m") if origin else None
+        with busy("aligning"), inside(file.name):
+            clean = align(raw, base=base, tangent=direction(tangent), plane=direction(plane), space=space, rest=window,
+                          origin=place)
     write(clean, output)
     history = history_of(clean)
     answer({"quality": summary, "tip": status or None, "history": history, "recording": str(output)},

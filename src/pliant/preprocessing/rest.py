@@ -56,7 +56,8 @@ def rest_window(recording: xr.Dataset) -> tuple[float, float]:
     rests = [(start, stop - 1) for start, stop in runs(_still(position, time), 1)]
     rests = [rest for rest in rests if time[rest[1]] - time[rest[0]] >= LEAST_REST_S]
     if not rests:
-        raise InputError("the body is never at rest for 0.1 s: set the rest window by rest = [start, end] in seconds")
+        raise InputError("the body is never at rest for 0.1 s: state `rest` = [start, end], s, in [alignment.options] "
+                         "of a study, or --rest of pliant shape")
     first = rests[0]
     early = _precedes_motion(position, first)
     chosen = first if early else max(rests, key=lambda rest: time[rest[1]] - time[rest[0]])
