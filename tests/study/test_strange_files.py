@@ -87,6 +87,19 @@ def test_quaternions_q0_to_q3_of_a_sensor_have_the_scalar_first(tmp_path):
         read_or_guess(written(tmp_path / "c.csv", ["t", "q0", "q1", "q2", "q3"], TIMES, 2.0 + TURN), None)
 
 
+@pytest.mark.parametrize(("sensor", "more"), [
+    ("ax ay az", "gx gy gz A0"), ("gx gy gz", "A0 A1"), ("ax ay az", "a0"), ("gx gy gz", "a A0"),
+    ("qw qx qy qz", "q1 q2"),
+])  # fmt: skip
+def test_numbered_columns_beside_a_sensor_do_not_join_it(tmp_path, sensor, more):
+    axes, others = sensor.split(), more.split()
+    values = TURN[:, [3, 0, 1, 2]] if len(axes) > 3 else Rotation.from_quat(TURN).apply([0.0, 0.0, 9.81])
+    beside = np.outer(KPA, 1.0 + np.arange(len(others)))
+    alone, among = (read_or_guess(written(tmp_path / f"{k}.csv", ["t", *axes, *names], TIMES, values, *columns), None)
+                    for k, (names, columns) in enumerate((([], []), (others, [beside]))))  # fmt: skip
+    np.testing.assert_array_equal(among.recording["angle"], alone.recording["angle"])
+
+
 @pytest.mark.parametrize("name", ["adc0", "Dev1/ai1 (V)", "adc_3"])
 def test_readings_of_a_converter_ask_for_their_scale_where_no_other_input_is(tmp_path, name):
     counts = np.rint(100.0 + 8.0 * KPA)
