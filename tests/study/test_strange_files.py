@@ -222,6 +222,57 @@ def test_an_hdf5_file_lists_its_arrays_and_refuses_positions_in_several_units(tm
         read(path, mapping=ARRAYS)
 
 
+def attributed(path, changed):
+    """An HDF5 file in metres, seconds and kPa, but some arrays with other values and attributes."""
+    with h5py.File(path, "w") as file:
+        for name, values, unit in (("time", TIMES, "s"), ("base", BASE, "m"), ("tip", TIP, "m"), ("p", KPA, "kPa")):
+            other = changed.get(name, (values, {"units": unit}))
+            file.create_dataset(name, data=other[0]).attrs.update(other[1])
+    return path
+
+
+PLAIN = {"position": {"base": "base", "tip": "tip"}, "pressure": "p"}
+
+
+@pytest.mark.parametrize("changed", [
+    {"time": (1e3 * TIMES, {"units": "milliseconds since 2024-01-01"})},
+    {"time": (1e3 * TIMES, {"units": "[ms]"}), "base": (1e3 * BASE, {"units": "(mm)"}),
+     "tip": (1e3 * TIP, {"units": "[mm]"})},
+    {"tip": (np.rint((TIP - 0.5) / 1e-9).astype("i8"), {"units": "m", "scale_factor": 1e-9, "add_offset": 0.5})},
+], ids=["since", "brackets", "packed"])  # fmt: skip
+def test_attributes_of_an_hdf5_file_state_units_and_packing(tmp_path, changed):
+    ds = read(attributed(tmp_path / "a.h5", changed), mapping=PLAIN)
+    np.testing.assert_allclose(ds["time"], TIMES, atol=1e-12)
+    np.testing.assert_allclose(ds["position"].values, np.stack([BASE, TIP], axis=1), atol=1e-9)
+
+
+def test_fill_values_of_an_hdf5_file_are_gaps(tmp_path):
+    tip = TIP.copy()
+    tip[5] = -9999.0
+    ds = read(attributed(tmp_path / "a.h5", {"tip": (tip, {"units": "m", "_FillValue": -9999.0})}), mapping=PLAIN)
+    assert np.flatnonzero(np.isnan(ds["position"].values[:, 1]).all(axis=1)).tolist() == [5]
+    assert "tip is stored value * 1 + 0, with 3 gap(s)" in ds.attrs["history"]
+
+
+@pytest.mark.parametrize(("changed", "words"), [
+    ({"base": (BASE, {})}, "arrays of position in a.h5, base state no unit, others m: state length_unit"),
+    ({"tip": (TIP, {"units": "furlong"})}, "the array tip of a.h5 has the unit 'furlong', which is none of m, "),
+    ({"time": (TIMES, {"units": "ticks"})}, "the array time of a.h5 has the unit 'ticks', which is none of s, "),
+    ({"p": (KPA, {"units": "counts"})}, "the array p of a.h5 has the unit 'counts', .* state pressure_unit"),
+    ({"tip": (TIP, {"units": "m", "valid_max": 1.0})}, "the array tip of a.h5 has the attribute valid_max"),
+])  # fmt: skip
+def test_units_that_an_hdf5_file_does_not_state_clearly_are_refused(tmp_path, changed, words):
+    path = attributed(tmp_path / "a.h5", changed)
+    with pytest.raises(InputError, match=words):
+        read(path, mapping=PLAIN)
+
+
+def test_a_unit_in_the_mapping_takes_precedence_over_attributes(tmp_path):
+    path = attributed(tmp_path / "a.h5", {"tip": (TIP, {"units": "furlong"})})
+    ds = read(path, mapping={**PLAIN, "length_unit": "m"})
+    np.testing.assert_allclose(ds["position"].values[:, 1], TIP, atol=1e-12)
+
+
 def test_columns_of_one_table_in_an_hdf5_file(tmp_path):
     names = ["time", "p_kpa", *PLACES]
     rows = np.rec.fromarrays([TIMES, KPA, *BASE.T, *TIP.T], names=names)

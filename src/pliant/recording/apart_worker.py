@@ -142,8 +142,8 @@ def read_answer(answer: bytes) -> Content | dict[str, Any]:
 
 
 def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int, named: Sequence[str] = ()) -> None:
-    """Read a file, of some kinds the parts `named` in it, under limits on time [s] and memory [bytes], and write its arrays, or the reason of a failure, to the
-    binary stream `out`.
+    """Read a file, of some kinds the parts `named` in it, under limits on time [s] and memory [bytes], and write its
+    arrays, or the reason of a failure, to the binary stream `out`.
     """
     read = import_module(READ[kind]).read
     limit(seconds, memory)
