@@ -137,11 +137,21 @@ def test_a_copy_of_a_column_is_named_once(tmp_path):
 def test_stations_and_tendons_whose_names_hold_dots_can_be_named(tmp_path):
     names = ["t", *(f"arm.{name.replace('_', '.')}" for name in PLACES), "cable.1 [N]", "cable_1 [N]"]
     path = written(tmp_path / "a.csv", names, TIMES, BASE, TIP, 0.1 * KPA, 0.1 * KPA[::-1])
-    assert read(path)["station"].values.tolist() == ["arm_base", "arm_tip"]
+    assert read_or_guess(path, None).recording["station"].values.tolist() == ["arm_base", "arm_tip"]
     _, study = drafted(path)
     tendons = [tendon["name"] for tendon in study["actuator"]["tendons"]]
     assert len(set(tendons)) == 2
     assert sorted(study["recordings"]["a"]["drive"]) == sorted(tendons)
+
+
+@pytest.mark.parametrize(("titles", "stations"), [
+    (("m.1", "m_1"), {"m.1", "m_1"}), (("base.pose", "tip.pose"), {"base", "tip"}),
+    (("/mocap/base.pose.position", "/mocap/tip.pose.position"), {"mocap_base", "mocap_tip"}),
+])  # fmt: skip
+def test_no_station_is_lost_by_the_dots_of_its_name(tmp_path, titles, stations):
+    names = [f"{title}{'_' if title.startswith('m') else '.'}{axis}" for title in titles for axis in "xyz"]
+    ds = read_or_guess(written(tmp_path / "a.csv", ["t", *names, "p_kPa"], TIMES, BASE, TIP, KPA), None).recording
+    assert {*ds["station"].values} == stations
 
 
 def test_set_points_are_commanded(tmp_path):
@@ -173,6 +183,17 @@ def test_a_log_of_a_film_belongs_to_the_name_with_which_it_begins(tmp_path):
     films = [written(tmp_path / f"cam{k}DLC_net50_arm1_5000.csv", ["t", *PLACES], TIMES, BASE, TIP) for k in (0, 1)]
     logs = [written(tmp_path / f"cam{k}_log.csv", ["t", "p_kPa"], TIMES, KPA) for k in (0, 1)]
     assert [pair.log for pair in with_logs([*films, *logs])] == logs
+
+
+@pytest.mark.parametrize(("shapes", "log"), [
+    (("arm_low", "arm_high"), "arm_log"), (("push_slow", "push_fast"), "push_sensor"),
+    (("run_12", "run_20"), "run_1_p"),
+])  # fmt: skip
+def test_letters_within_a_word_or_a_number_join_no_log_to_a_recording(tmp_path, shapes, log):
+    files = [written(tmp_path / f"{name}.csv", ["t", *PLACES], TIMES, BASE, TIP) for name in shapes]
+    files.append(written(tmp_path / f"{log}.csv", ["t", "p_kPa"], TIMES, KPA))
+    with pytest.raises(InputError, match=f"{log}.csv holds inputs alone"):
+        with_logs(files)
 
 
 def test_typed_steps_keep_their_last_level_to_the_end_of_the_shape(tmp_path):
