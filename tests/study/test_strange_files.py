@@ -61,6 +61,15 @@ def test_points_of_sleap_in_text_are_pixels_with_y_downwards(tmp_path):
     np.testing.assert_allclose(moved, -1e-3 * np.diff(pixels[:, 3]), atol=1e-9)
 
 
+@pytest.mark.parametrize("ending", ["_mm", " [mm]"])
+def test_a_unit_in_the_names_of_points_of_sleap_takes_precedence(tmp_path, ending):
+    names = ["frame_idx", "instance.score", *(f"{s}.{axis}{ending}" for s in ("base", "tip") for axis in "xy")]
+    columns = 1e3 * np.column_stack([BASE[:, :2], TIP[:, :2]])
+    path = written(tmp_path / "a.csv", names, np.arange(len(KPA)), np.full(len(KPA), 0.9), columns)
+    ds = read_or_guess(path, None).recording
+    np.testing.assert_allclose(ds["position"].values[:, 1, :2], TIP[:, :2], atol=1e-8)
+
+
 @pytest.mark.parametrize("above", [["Protocol of the arm;;;;;;;", "Operator;Ann;;;;;;", ";;;;;;;"], ["Arm 3;;;;;;;"]])
 def test_titles_that_a_spreadsheet_filled_up_are_no_names(tmp_path, above):
     names = ["time [s]", *(f"{name} [m]" for name in PLACES), "p [kPa]"]
@@ -107,6 +116,15 @@ def test_readings_of_a_converter_ask_for_their_scale_where_no_other_input_is(tmp
     assert guessed_table(alone).mapping["pressure"] == {"columns": [name], "unit": "kPa", "scale": "?", "zero": "?"}
     beside = written(tmp_path / "b.csv", ["t", *PLACES, name, "p_kPa"], TIMES, BASE, TIP, counts, KPA)
     assert guessed_table(beside).mapping["pressure"]["columns"] == ["p_kPa"]
+
+
+@pytest.mark.parametrize("beside", ["p", "pwm", "dxl_1_position"])
+def test_readings_of_a_converter_are_no_input_beside_another_or_where_they_are_noise(tmp_path, beside, rng):
+    names, moves = ["t", *PLACES, "adc0"], np.rint(100.0 + 8.0 * KPA)
+    path = written(tmp_path / "a.csv", [*names, beside], TIMES, BASE, TIP, moves, np.rint(5.0 * KPA))
+    assert "adc0" not in str(guessed_table(path).mapping)
+    path = written(tmp_path / "b.csv", names, TIMES, BASE, TIP, 100.0 + rng.integers(0, 3, len(KPA)))
+    assert "pressure" not in guessed_table(path).mapping
 
 
 def test_present_positions_of_servos_are_steps_and_their_goals_are_left_out(tmp_path):

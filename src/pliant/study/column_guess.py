@@ -281,10 +281,10 @@ def is_smooth(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[in
 def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[int]]]) -> tuple[str, str]:
     """Return the unit of the positions, by the names of their columns or else by their range, and a sentence on it."""
     columns = [k for parts in stations.values() for k in parts["position"]]
-    if {"frame_idx", "instance.score"} <= {*table.names}:
-        return PIXEL, "points of SLEAP are in pixels"
     if table.names:
         units = {unit_of(table.names[k], (*METRE, PIXEL)) for k in columns}
+        if units == {""} and {"frame_idx", "instance.score"} <= {*table.names}:
+            return PIXEL, "points of SLEAP are in pixels"
         if len(units) == 1 and (unit := units.pop()):
             return unit, ""
     axes = zip_longest(*(parts["position"] for parts in stations.values()))
