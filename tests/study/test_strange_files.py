@@ -173,7 +173,8 @@ def test_no_station_is_lost_by_the_dots_of_its_name(tmp_path, titles, stations):
 
 
 def test_set_points_are_commanded(tmp_path):
-    for name, signal in (("cable_cmd [N]", "commanded"), ("cable [N]", "measured")):
+    for name, signal in (("cable_cmd [N]", "commanded"), ("cable [N]", "measured"), ("cable_set [N]", "commanded"),
+                         ("cable_set1 [N]", "measured")):
         path = written(tmp_path / "a.csv", ["t", *PLACES, name], TIMES, BASE, TIP, 0.1 * KPA)
         assert drafted(path)[1]["recordings"]["a"]["signal"] == signal
 
@@ -182,7 +183,11 @@ def test_stations_on_two_bodies_are_doubted(tmp_path):
     names = ["t", "p_kPa", *(f"arm{body}_{name}" for body in "AB" for name in PLACES)]
     path = written(tmp_path / "a.csv", names, TIMES, KPA, BASE, TIP, 0.4 + BASE, 0.4 + TIP)
     assert any("armA_base and armB_base say base" in doubt for doubt in drafted(path)[0].doubts)
-    path = written(tmp_path / "a.csv", ["t", "p_kPa", *PLACES], TIMES, KPA, BASE, TIP)
+    names = ["t", "p_kPa", *(f"robot{body}_{name}" for body in (1, 2) for name in PLACES)]
+    path = written(tmp_path / "a.csv", names, TIMES, KPA, BASE, TIP, 0.4 + BASE, 0.4 + TIP)
+    assert any("robot1_base and robot2_base say base" in doubt for doubt in drafted(path)[0].doubts)
+    plates = [f"base_{k}_{axis}" for k in (1, 2) for axis in "xyz"]
+    path = written(tmp_path / "a.csv", ["t", "p_kPa", *plates, *PLACES[3:]], TIMES, KPA, BASE, BASE + 0.01, TIP)
     assert not any("say base" in doubt for doubt in drafted(path)[0].doubts)
 
 
@@ -214,11 +219,13 @@ def test_letters_within_a_word_or_a_number_join_no_log_to_a_recording(tmp_path, 
         with_logs(files)
 
 
-def test_typed_steps_keep_their_last_level_to_the_end_of_the_shape(tmp_path):
+@pytest.mark.parametrize("vented", [False, True])
+def test_typed_steps_keep_their_last_level_to_the_end_of_a_shape_that_does_not_return(tmp_path, vented):
     """The last step of a table of typed steps is its last row: without its effect another offset fits as well."""
     time = np.arange(0.0, 5.0, 0.02)
     begins = np.array([0.0, 0.8, 1.5, 2.7, 3.2])
     level = np.array(STEPS)[np.searchsorted(begins, time, side="right") - 1]
+    level[time > 4.0] *= not vented
     bent = np.zeros_like(time)
     for k in range(1, len(time)):
         bent[k] = bent[k - 1] + 0.02 / 0.05 * (level[k] - bent[k - 1])
@@ -226,6 +233,9 @@ def test_typed_steps_keep_their_last_level_to_the_end_of_the_shape(tmp_path):
     shape = make_recording(time, places, station=["base", "tip"])
     log = written(tmp_path / "film_log.csv", ["t_s", "p_kPa"], begins, 20.0 * np.array(STEPS))
     joined, problem = with_log(shape, log, "film")
+    assert ("the last row of pressure is held" in joined.attrs["history"]) != vented
+    if vented:
+        return
     assert not problem
     assert "the last row of pressure is held for 1.78 s more, to the end of the shape" in joined.attrs["history"]
     clock = joined["pressure_time"].values

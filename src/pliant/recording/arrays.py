@@ -172,7 +172,7 @@ def _by_station(
         if part.shape[1] == POSE and part.shape[0] > POSE - len("wxyz"):
             part = _place(part, name, file)
             turned.append(name)
-        parts.append(part.T if part.shape[0] in (2, 3) < part.shape[1] else part)
+        parts.append(part.T if part.shape[0] in (2, 3) and part.shape[0] < part.shape[1] else part)
     if len({part.shape for part in parts}) > 1 or parts[0].shape[1] not in (2, 3):
         shapes = ", ".join(f"{name} {part.shape}" for name, part in zip(stations, parts, strict=True))
         raise InputError(f"{file}: the positions of the stations must have equal lengths and 2 or 3 coordinates, but "
