@@ -47,6 +47,9 @@ def test_whole_seconds_and_their_fraction_under_one_name(tmp_path):
     np.testing.assert_allclose(ds["position"].values[:, 0], TIP, atol=1e-6)
     same = written(tmp_path / "b.csv", ["t_s", "t_us", *PLACES], TIMES, 1e6 * TIMES, BASE, TIP)
     assert guessed_table(same).mapping["time"] == "t_s"  # the whole time twice
+    other = written(tmp_path / "c.csv", ["t", "timestamp_s", "timestamp_us", *PLACES], TIMES,
+                    5.0 + 2.0 * TIMES // 1, np.round(1e6 * (2.0 * TIMES % 1)), BASE, TIP)  # fmt: skip
+    assert guessed_table(other).mapping["time"] == "t"
 
 
 def test_points_of_sleap_in_text_are_pixels_with_y_downwards(tmp_path):

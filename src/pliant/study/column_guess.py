@@ -189,6 +189,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     if clock is None:  # read as stated, it is refused by the rows in which it goes back
         clock = next((k for k in clocks if parted(table.names[k])[0] in CLOCKS and table.changes(k)), None)
     parts = parted_clock(table.names) if clock is None else parted_by_unit(table)
+    parts = parts if parts and clock in (None, parts.seconds, parts.fraction) else None  # not beside a whole clock
     used |= {parts.seconds, parts.fraction} if parts else set()
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
