@@ -10,7 +10,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -26,14 +26,14 @@ from pliant.recording import apart_worker
 for module in apart_worker.READ.values():
     import_module(module)
 for line in sys.stdin:
-    kind, path, seconds, memory, wait, answer = json.loads(line)
+    kind, path, seconds, memory, named, wait, answer = json.loads(line)
     child = os.fork()
     if child == 0:
         try:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             os.dup2(1, 2)
             with open(answer, "wb") as out:
-                apart_worker.answer_to(out, kind, path, seconds, memory)
+                apart_worker.answer_to(out, kind, path, seconds, memory, named)
             os._exit(0)
         finally:
             os._exit(1)
@@ -58,10 +58,11 @@ def forked() -> Iterator[None]:
     ):  # fmt: skip
         answer = Path(name) / "answer"
 
-        def run(kind: str, path: Path, seconds: int, memory: int) -> tuple[int, bytes]:
+        def run(kind: str, path: Path, seconds: int, memory: int, named: Sequence[str]) -> tuple[int, bytes]:
             answer.write_bytes(b"")
             wait = apart.WAIT_FACTOR * seconds
-            server.stdin.write(json.dumps([kind, str(path.resolve()), seconds, memory, wait, str(answer)]) + "\n")
+            request = [kind, str(path.resolve()), seconds, memory, [*named], wait, str(answer)]
+            server.stdin.write(json.dumps(request) + "\n")
             server.stdin.flush()
             code, late = json.loads(server.stdout.readline())
             if late:

@@ -254,3 +254,7 @@ def test_arrays_of_numbers_are_pressures_of_several_chambers(tmp_path):
     ds = read(tmp_path / "bag", mapping={"pressure": {"valve": "/valves"}, "pressure_unit": "kPa"})
     assert ds["chamber"].values.tolist() == ["valve_0", "valve_1"]
     np.testing.assert_allclose(ds["pressure"], 1e3 * np.column_stack([T, 2.0 * T]))
+    arrays, facts = apart_bag.read(str(tmp_path / "bag"))  # one that nobody names may be of any size
+    assert facts["others"] == ["/valves"]
+    assert sum(array.shape[-1] == 1 for array in arrays.values()) == 0
+    assert "1 topic(s) of bag were not used: /valves" in read(tmp_path / "bag").attrs["history"]

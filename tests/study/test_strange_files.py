@@ -47,6 +47,9 @@ def test_whole_seconds_and_their_fraction_under_one_name(tmp_path):
     np.testing.assert_allclose(ds["position"].values[:, 0], TIP, atol=1e-6)
     same = written(tmp_path / "b.csv", ["t_s", "t_us", *PLACES], TIMES, 1e6 * TIMES, BASE, TIP)
     assert guessed_table(same).mapping["time"] == "t_s"  # the whole time twice
+    other = written(tmp_path / "c.csv", ["t", "timestamp_s", "timestamp_us", *PLACES], TIMES,
+                    5.0 + 2.0 * TIMES // 1, np.round(1e6 * (2.0 * TIMES % 1)), BASE, TIP)  # fmt: skip
+    assert guessed_table(other).mapping["time"] == "t"
 
 
 def test_points_of_sleap_in_text_are_pixels_with_y_downwards(tmp_path):
@@ -59,6 +62,15 @@ def test_points_of_sleap_in_text_are_pixels_with_y_downwards(tmp_path):
     assert "length_unit" not in reading.guess.mapping
     moved = np.diff(reading.recording["position"].values[:, 1, 1])
     np.testing.assert_allclose(moved, -1e-3 * np.diff(pixels[:, 3]), atol=1e-9)
+
+
+@pytest.mark.parametrize("ending", ["_mm", " [mm]"])
+def test_a_unit_in_the_names_of_points_of_sleap_takes_precedence(tmp_path, ending):
+    names = ["frame_idx", "instance.score", *(f"{s}.{axis}{ending}" for s in ("base", "tip") for axis in "xy")]
+    columns = 1e3 * np.column_stack([BASE[:, :2], TIP[:, :2]])
+    path = written(tmp_path / "a.csv", names, np.arange(len(KPA)), np.full(len(KPA), 0.9), columns)
+    ds = read_or_guess(path, None).recording
+    np.testing.assert_allclose(ds["position"].values[:, 1, :2], TIP[:, :2], atol=1e-8)
 
 
 @pytest.mark.parametrize("above", [["Protocol of the arm;;;;;;;", "Operator;Ann;;;;;;", ";;;;;;;"], ["Arm 3;;;;;;;"]])
@@ -87,6 +99,19 @@ def test_quaternions_q0_to_q3_of_a_sensor_have_the_scalar_first(tmp_path):
         read_or_guess(written(tmp_path / "c.csv", ["t", "q0", "q1", "q2", "q3"], TIMES, 2.0 + TURN), None)
 
 
+@pytest.mark.parametrize(("sensor", "more"), [
+    ("ax ay az", "gx gy gz A0"), ("gx gy gz", "A0 A1"), ("ax ay az", "a0"), ("gx gy gz", "a A0"),
+    ("qw qx qy qz", "q1 q2"),
+])  # fmt: skip
+def test_numbered_columns_beside_a_sensor_do_not_join_it(tmp_path, sensor, more):
+    axes, others = sensor.split(), more.split()
+    values = TURN[:, [3, 0, 1, 2]] if len(axes) > 3 else Rotation.from_quat(TURN).apply([0.0, 0.0, 9.81])
+    beside = np.outer(KPA, 1.0 + np.arange(len(others)))
+    alone, among = (read_or_guess(written(tmp_path / f"{k}.csv", ["t", *axes, *names], TIMES, values, *columns), None)
+                    for k, (names, columns) in enumerate((([], []), (others, [beside]))))  # fmt: skip
+    np.testing.assert_array_equal(among.recording["angle"], alone.recording["angle"])
+
+
 @pytest.mark.parametrize("name", ["adc0", "Dev1/ai1 (V)", "adc_3"])
 def test_readings_of_a_converter_ask_for_their_scale_where_no_other_input_is(tmp_path, name):
     counts = np.rint(100.0 + 8.0 * KPA)
@@ -94,6 +119,15 @@ def test_readings_of_a_converter_ask_for_their_scale_where_no_other_input_is(tmp
     assert guessed_table(alone).mapping["pressure"] == {"columns": [name], "unit": "kPa", "scale": "?", "zero": "?"}
     beside = written(tmp_path / "b.csv", ["t", *PLACES, name, "p_kPa"], TIMES, BASE, TIP, counts, KPA)
     assert guessed_table(beside).mapping["pressure"]["columns"] == ["p_kPa"]
+
+
+@pytest.mark.parametrize("beside", ["p", "pwm", "dxl_1_position"])
+def test_readings_of_a_converter_are_no_input_beside_another_or_where_they_are_noise(tmp_path, beside, rng):
+    names, moves = ["t", *PLACES, "adc0"], np.rint(100.0 + 8.0 * KPA)
+    path = written(tmp_path / "a.csv", [*names, beside], TIMES, BASE, TIP, moves, np.rint(5.0 * KPA))
+    assert "adc0" not in str(guessed_table(path).mapping)
+    path = written(tmp_path / "b.csv", names, TIMES, BASE, TIP, 100.0 + rng.integers(0, 3, len(KPA)))
+    assert "pressure" not in guessed_table(path).mapping
 
 
 def test_present_positions_of_servos_are_steps_and_their_goals_are_left_out(tmp_path):
@@ -124,15 +158,26 @@ def test_a_copy_of_a_column_is_named_once(tmp_path):
 def test_stations_and_tendons_whose_names_hold_dots_can_be_named(tmp_path):
     names = ["t", *(f"arm.{name.replace('_', '.')}" for name in PLACES), "cable.1 [N]", "cable_1 [N]"]
     path = written(tmp_path / "a.csv", names, TIMES, BASE, TIP, 0.1 * KPA, 0.1 * KPA[::-1])
-    assert read(path)["station"].values.tolist() == ["arm_base", "arm_tip"]
+    assert read_or_guess(path, None).recording["station"].values.tolist() == ["arm_base", "arm_tip"]
     _, study = drafted(path)
     tendons = [tendon["name"] for tendon in study["actuator"]["tendons"]]
     assert len(set(tendons)) == 2
     assert sorted(study["recordings"]["a"]["drive"]) == sorted(tendons)
 
 
+@pytest.mark.parametrize(("titles", "stations"), [
+    (("m.1", "m_1"), {"m.1", "m_1"}), (("base.pose", "tip.pose"), {"base", "tip"}),
+    (("/mocap/base.pose.position", "/mocap/tip.pose.position"), {"mocap_base", "mocap_tip"}),
+])  # fmt: skip
+def test_no_station_is_lost_by_the_dots_of_its_name(tmp_path, titles, stations):
+    names = [f"{title}{'_' if title.startswith('m') else '.'}{axis}" for title in titles for axis in "xyz"]
+    ds = read_or_guess(written(tmp_path / "a.csv", ["t", *names, "p_kPa"], TIMES, BASE, TIP, KPA), None).recording
+    assert {*ds["station"].values} == stations
+
+
 def test_set_points_are_commanded(tmp_path):
-    for name, signal in (("cable_cmd [N]", "commanded"), ("cable [N]", "measured")):
+    for name, signal in (("cable_cmd [N]", "commanded"), ("cable [N]", "measured"), ("cable_set [N]", "commanded"),
+                         ("cable_set1 [N]", "measured")):
         path = written(tmp_path / "a.csv", ["t", *PLACES, name], TIMES, BASE, TIP, 0.1 * KPA)
         assert drafted(path)[1]["recordings"]["a"]["signal"] == signal
 
@@ -141,7 +186,11 @@ def test_stations_on_two_bodies_are_doubted(tmp_path):
     names = ["t", "p_kPa", *(f"arm{body}_{name}" for body in "AB" for name in PLACES)]
     path = written(tmp_path / "a.csv", names, TIMES, KPA, BASE, TIP, 0.4 + BASE, 0.4 + TIP)
     assert any("armA_base and armB_base say base" in doubt for doubt in drafted(path)[0].doubts)
-    path = written(tmp_path / "a.csv", ["t", "p_kPa", *PLACES], TIMES, KPA, BASE, TIP)
+    names = ["t", "p_kPa", *(f"robot{body}_{name}" for body in (1, 2) for name in PLACES)]
+    path = written(tmp_path / "a.csv", names, TIMES, KPA, BASE, TIP, 0.4 + BASE, 0.4 + TIP)
+    assert any("robot1_base and robot2_base say base" in doubt for doubt in drafted(path)[0].doubts)
+    plates = [f"base_{k}_{axis}" for k in (1, 2) for axis in "xyz"]
+    path = written(tmp_path / "a.csv", ["t", "p_kPa", *plates, *PLACES[3:]], TIMES, KPA, BASE, BASE + 0.01, TIP)
     assert not any("say base" in doubt for doubt in drafted(path)[0].doubts)
 
 
@@ -162,11 +211,24 @@ def test_a_log_of_a_film_belongs_to_the_name_with_which_it_begins(tmp_path):
     assert [pair.log for pair in with_logs([*films, *logs])] == logs
 
 
-def test_typed_steps_keep_their_last_level_to_the_end_of_the_shape(tmp_path):
+@pytest.mark.parametrize(("shapes", "log"), [
+    (("arm_low", "arm_high"), "arm_log"), (("push_slow", "push_fast"), "push_sensor"),
+    (("run_12", "run_20"), "run_1_p"),
+])  # fmt: skip
+def test_letters_within_a_word_or_a_number_join_no_log_to_a_recording(tmp_path, shapes, log):
+    files = [written(tmp_path / f"{name}.csv", ["t", *PLACES], TIMES, BASE, TIP) for name in shapes]
+    files.append(written(tmp_path / f"{log}.csv", ["t", "p_kPa"], TIMES, KPA))
+    with pytest.raises(InputError, match=f"{log}.csv holds inputs alone"):
+        with_logs(files)
+
+
+@pytest.mark.parametrize("vented", [False, True])
+def test_typed_steps_keep_their_last_level_to_the_end_of_a_shape_that_does_not_return(tmp_path, vented):
     """The last step of a table of typed steps is its last row: without its effect another offset fits as well."""
     time = np.arange(0.0, 5.0, 0.02)
     begins = np.array([0.0, 0.8, 1.5, 2.7, 3.2])
     level = np.array(STEPS)[np.searchsorted(begins, time, side="right") - 1]
+    level[time > 4.0] *= not vented
     bent = np.zeros_like(time)
     for k in range(1, len(time)):
         bent[k] = bent[k - 1] + 0.02 / 0.05 * (level[k] - bent[k - 1])
@@ -174,6 +236,9 @@ def test_typed_steps_keep_their_last_level_to_the_end_of_the_shape(tmp_path):
     shape = make_recording(time, places, station=["base", "tip"])
     log = written(tmp_path / "film_log.csv", ["t_s", "p_kPa"], begins, 20.0 * np.array(STEPS))
     joined, problem = with_log(shape, log, "film")
+    assert ("the last row of pressure is held" in joined.attrs["history"]) != vented
+    if vented:
+        return
     assert not problem
     assert "the last row of pressure is held for 1.78 s more, to the end of the shape" in joined.attrs["history"]
     clock = joined["pressure_time"].values
@@ -209,6 +274,57 @@ def test_an_hdf5_file_lists_its_arrays_and_refuses_positions_in_several_units(tm
         read(path, mapping=ARRAYS)
 
 
+def attributed(path, changed):
+    """An HDF5 file in metres, seconds and kPa, but some arrays with other values and attributes."""
+    with h5py.File(path, "w") as file:
+        for name, values, unit in (("time", TIMES, "s"), ("base", BASE, "m"), ("tip", TIP, "m"), ("p", KPA, "kPa")):
+            other = changed.get(name, (values, {"units": unit}))
+            file.create_dataset(name, data=other[0]).attrs.update(other[1])
+    return path
+
+
+PLAIN = {"position": {"base": "base", "tip": "tip"}, "pressure": "p"}
+
+
+@pytest.mark.parametrize("changed", [
+    {"time": (1e3 * TIMES, {"units": "milliseconds since 2024-01-01"})},
+    {"time": (1e3 * TIMES, {"units": "[ms]"}), "base": (1e3 * BASE, {"units": "(mm)"}),
+     "tip": (1e3 * TIP, {"units": "[mm]"})},
+    {"tip": (np.rint((TIP - 0.5) / 1e-9).astype("i8"), {"units": "m", "scale_factor": 1e-9, "add_offset": 0.5})},
+], ids=["since", "brackets", "packed"])  # fmt: skip
+def test_attributes_of_an_hdf5_file_state_units_and_packing(tmp_path, changed):
+    ds = read(attributed(tmp_path / "a.h5", changed), mapping=PLAIN)
+    np.testing.assert_allclose(ds["time"], TIMES, atol=1e-12)
+    np.testing.assert_allclose(ds["position"].values, np.stack([BASE, TIP], axis=1), atol=1e-9)
+
+
+def test_fill_values_of_an_hdf5_file_are_gaps(tmp_path):
+    tip = TIP.copy()
+    tip[5] = -9999.0
+    ds = read(attributed(tmp_path / "a.h5", {"tip": (tip, {"units": "m", "_FillValue": -9999.0})}), mapping=PLAIN)
+    assert np.flatnonzero(np.isnan(ds["position"].values[:, 1]).all(axis=1)).tolist() == [5]
+    assert "tip is stored value * 1 + 0, with 3 gap(s)" in ds.attrs["history"]
+
+
+@pytest.mark.parametrize(("changed", "words"), [
+    ({"base": (BASE, {})}, "arrays of position in a.h5, base state no unit, others m: state length_unit"),
+    ({"tip": (TIP, {"units": "furlong"})}, "the array tip of a.h5 has the unit 'furlong', which is none of m, "),
+    ({"time": (TIMES, {"units": "ticks"})}, "the array time of a.h5 has the unit 'ticks', which is none of s, "),
+    ({"p": (KPA, {"units": "counts"})}, "the array p of a.h5 has the unit 'counts', .* state pressure_unit"),
+    ({"tip": (TIP, {"units": "m", "valid_max": 1.0})}, "the array tip of a.h5 has the attribute valid_max"),
+])  # fmt: skip
+def test_units_that_an_hdf5_file_does_not_state_clearly_are_refused(tmp_path, changed, words):
+    path = attributed(tmp_path / "a.h5", changed)
+    with pytest.raises(InputError, match=words):
+        read(path, mapping=PLAIN)
+
+
+def test_a_unit_in_the_mapping_takes_precedence_over_attributes(tmp_path):
+    path = attributed(tmp_path / "a.h5", {"tip": (TIP, {"units": "furlong"})})
+    ds = read(path, mapping={**PLAIN, "length_unit": "m"})
+    np.testing.assert_allclose(ds["position"].values[:, 1], TIP, atol=1e-12)
+
+
 def test_columns_of_one_table_in_an_hdf5_file(tmp_path):
     names = ["time", "p_kpa", *PLACES]
     rows = np.rec.fromarrays([TIMES, KPA, *BASE.T, *TIP.T], names=names)
@@ -227,6 +343,13 @@ def test_poses_of_seven_numbers_and_nanoseconds_in_npz(tmp_path):
         ds = read(tmp_path / "a.npz", mapping={"time": clock, "position": {"tip": "tip_pose"}})
         np.testing.assert_allclose(np.diff(ds["time"]), np.diff(TIMES), atol=1e-6)
         np.testing.assert_allclose(ds["position"].values[:, 0], TIP)
+        assert "orientations of tip in a.npz were left out" in ds.attrs["history"]
+    np.savez(tmp_path / "b.npz", t=TIMES, tip_pose=np.column_stack([TURN, TIP]), p_kpa=KPA)
+    with pytest.raises(InputError, match="array of station tip has 7 columns, whose last four are no quaternions"):
+        read(tmp_path / "b.npz", mapping={"position": {"tip": "tip_pose"}})
+    np.savez(tmp_path / "c.npz", t=TIMES[:7], tip=TIP[:7].T, p_kpa=KPA[:7])  # seven frames
+    ds = read(tmp_path / "c.npz", mapping={"position": {"tip": "tip"}})
+    np.testing.assert_allclose(ds["position"].values[:, 0], TIP[:7])
 
 
 def element(kind, content):

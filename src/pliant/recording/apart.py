@@ -38,7 +38,7 @@ ENVIRONMENT = {  # one thread; no lock files; no library that a filter's number 
 RECOVER = {".mcap": " (mcap recover writes what is whole of a recording that was cut)"}
 
 
-def read_apart(kind: str, path: Path, what: str) -> Content:
+def read_apart(kind: str, path: Path, what: str, named: Sequence[str] = ()) -> Content:
     """Read the arrays of a file in a separate process with limits on time and memory, so that a damaged file cannot
     crash the calling process.
 
@@ -49,6 +49,8 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     path : Path
     what : str
         Name of the format, for messages.
+    named : sequence of str
+        Topics of a bag whose arrays of numbers are read.
 
     Returns
     -------
@@ -65,7 +67,7 @@ def read_apart(kind: str, path: Path, what: str) -> Content:
     damaged = f"{path.name} cannot be read as {what}; it may be damaged, so copy or export it again"
     damaged += RECOVER.get(path.suffix.lower(), "")
     try:
-        code, answer = run_helper(kind, path, seconds, WORKING + COPIES * content_bound(size))
+        code, answer = run_helper(kind, path, seconds, WORKING + COPIES * content_bound(size), named)
     except subprocess.TimeoutExpired:
         raise InputError(f"{damaged}: its library did not finish within {WAIT_FACTOR * seconds} s") from None
     except OSError as error:
@@ -90,9 +92,9 @@ def start_helper(module: str, arguments: Sequence[str], stdin: int = subprocess.
     )  # fmt: skip
 
 
-def run_helper(kind: str, path: Path, seconds: int, memory: int) -> tuple[int, bytes]:
+def run_helper(kind: str, path: Path, seconds: int, memory: int, named: Sequence[str]) -> tuple[int, bytes]:
     """Run the helper process that reads a file, and return its exit code and its output as bytes."""
-    arguments = [kind, str(path.resolve()), str(seconds), str(memory)]
+    arguments = [kind, str(path.resolve()), str(seconds), str(memory), *named]
     with start_helper("pliant.recording.apart_worker", arguments) as helper:
         try:
             import_module("xarray")

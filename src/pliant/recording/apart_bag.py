@@ -7,6 +7,7 @@ rosbags would generate and run Python code from them. A bag whose definition of 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +68,8 @@ def cloud(m: Any) -> list[list[float]]:
 
 
 FLOATS = {7: 4, 8: 8}  # PointField.datatype -> bytes, of floating-point numbers
-NUMBERS = ("sensor_msgs/msg/FluidPressure", "std_msgs/msg/Float64", "std_msgs/msg/Float32",
-           "std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float32MultiArray")
+ARRAYS = ("std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float32MultiArray")
+NUMBERS = ("sensor_msgs/msg/FluidPressure", "std_msgs/msg/Float64", "std_msgs/msg/Float32", *ARRAYS)
 ROWS = {  # type of message -> its rows of numbers, a pose or a number each
     "geometry_msgs/msg/PoseStamped": lambda m: [pose(m.pose)],
     "geometry_msgs/msg/PoseArray": lambda m: [pose(p) for p in m.poses],
@@ -82,8 +83,7 @@ ROWS = {  # type of message -> its rows of numbers, a pose or a number each
     "sensor_msgs/msg/FluidPressure": lambda m: [[m.fluid_pressure]],
     "std_msgs/msg/Float64": lambda m: [[m.data]],
     "std_msgs/msg/Float32": lambda m: [[m.data]],
-    "std_msgs/msg/Float64MultiArray": lambda m: [[float(x)] for x in m.data],
-    "std_msgs/msg/Float32MultiArray": lambda m: [[float(x)] for x in m.data],
+    **dict.fromkeys(ARRAYS, lambda m: [[float(x)] for x in m.data]),
 }
 
 
@@ -163,8 +163,9 @@ class Transforms:
                 for (parent, child), numbers in self.poses.items()]  # fmt: skip
 
 
-def read(path: str) -> Content:
-    """Read the topics of a ROS 2 bag that hold poses, points or numbers. Return for each topic the header stamps and
+def read(path: str, *named: str) -> Content:
+    """Read the topics of a ROS 2 bag that hold poses, points or numbers, arrays of numbers only of the topics `named`,
+    as others may be large. Return for each topic the header stamps and
     times of reception (M,) [ns] of its M messages (a stamp is 0 where there is none), and their values (M, R, 7) or
     (M, R, 1): R poses of 7 numbers, or R single numbers, per message.
 
@@ -174,12 +175,12 @@ def read(path: str) -> Content:
     """
     size, whole = Path(path).stat().st_size, whole_records(Path(path))
     if not whole:
-        return content_of(Path(path))
+        return content_of(Path(path), named)
     with tempfile.TemporaryDirectory() as folder:
         mended = Path(folder) / "whole.mcap"
         with Path(path).open("rb") as file:
             mended.write_bytes(file.read(whole) + FOOTER)
-        arrays, facts = content_of(mended)
+        arrays, facts = content_of(mended, named)
     return arrays, {**facts, "cut": [max(size, whole + len(FOOTER)), whole]}
 
 
@@ -205,10 +206,11 @@ def whole_records(path: Path) -> int:
     return end
 
 
-def content_of(path: Path) -> Content:
+def content_of(path: Path, named: Sequence[str]) -> Content:
     """Return the arrays and facts of an undamaged bag; see `read`."""
     with Reader(path) as bag:
-        kinds = {c.topic: c.msgtype for c in bag.connections if c.msgtype in ROWS}
+        kinds = {c.topic: c.msgtype for c in bag.connections
+                 if c.msgtype in ROWS and (c.msgtype not in ARRAYS or c.topic in named)}  # fmt: skip
         others = sorted({c.topic for c in bag.connections if c.msgtype != TRANSFORMS} - set(kinds))
         unread = {c.topic: f"the bag defines {c.msgtype} differently from ROS 2"
                   for c in bag.connections if c.topic in kinds and not defined_as_in_ros(c)}  # fmt: skip

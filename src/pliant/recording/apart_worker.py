@@ -10,6 +10,7 @@ import json
 import os
 import struct
 import sys
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -140,14 +141,14 @@ def read_answer(answer: bytes) -> Content | dict[str, Any]:
     return arrays, header["facts"]
 
 
-def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) -> None:
-    """Read a file under limits on time [s] and memory [bytes], and write its arrays, or the reason of a failure, to the
-    binary stream `out`.
+def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int, named: Sequence[str] = ()) -> None:
+    """Read a file, of some kinds the parts `named` in it, under limits on time [s] and memory [bytes], and write its
+    arrays, or the reason of a failure, to the binary stream `out`.
     """
     read = import_module(READ[kind]).read
     limit(seconds, memory)
     try:
-        arrays, facts = read(path)
+        arrays, facts = read(path, *named)
     except BaseException as error:  # noqa: BLE001  whatever a library raises is one reason
         reason = str(error).split("\n")[0] or type(error).__name__
         write_header(out, {"reason": reason[:200], "refused": isinstance(error, Refused)})
@@ -157,10 +158,10 @@ def answer_to(out: BinaryIO, kind: str, path: str, seconds: int, memory: int) ->
 
 def main() -> None:
     """Run the helper process: read one file and write its arrays to standard output. The command-line arguments are the
-    kind of library, the path, the time limit [s] and the memory limit [bytes].
+    kind of library, the path, the time limit [s], the memory limit [bytes] and the parts to read.
     """
-    kind, path, seconds, memory = sys.argv[1:5]
+    kind, path, seconds, memory, *named = sys.argv[1:]
     answer = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # a library that prints must not mix with the answer
     with os.fdopen(answer, "wb") as out:
-        answer_to(out, kind, path, int(seconds), int(memory))
+        answer_to(out, kind, path, int(seconds), int(memory), named)

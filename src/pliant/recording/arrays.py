@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 INPUT_SI = {"tension": newton_per, "displacement": metre_per, "angle": radian_per}
 POSE = 7  # numbers of a position and an orientation, which is left out
+UNIT, MOST = 1e-2, 0.95  # deviation of the norm of a quaternion, and least part of the frames
 POSITIONS = "positions of the stations"  # name of the array that joins those of the stations
 RATES = ("rate_hz", "frame_rate", "sample_rate", "sampling_rate", "fs")  # usual names of a frame rate [Hz]
 USUAL_NAMES = {
@@ -92,15 +93,16 @@ def recording_from_arrays(
     history.
     """
     options = ArrayMapping.load(mapping, file)
+    history = list[str]()
     if isinstance(options.position, dict):
-        arrays, options = _by_station(arrays, options, options.position, file)
+        arrays, options, history = _by_station(arrays, options, options.position, file)
     by_role = {role: _find(arrays, role, getattr(options, role), file) for role in USUAL_NAMES}
     timed = {role: _in_seconds(by_role[role], getattr(options, role), file) for role in ("time", "pressure_time")}
     by_role |= {role: time for role, (time, _) in timed.items()}
     pressure_name, pressure = _pressure(arrays, options, file)
     scale = metre_per(options.length_unit)
     position = by_role["position"]
-    history = _unused(arrays, options, pressure_name, others, file)
+    history += _unused(arrays, options, pressure_name, others, file)
     history += [line for _, said in timed.values() for line in said]
     level = None
     if options.trial is not None:
@@ -158,17 +160,19 @@ def trials_in_arrays(
 
 def _by_station(
     arrays: Mapping[str, Any], options: ArrayMapping, stations: Mapping[str, str | list[str]], file: str
-) -> tuple[Mapping[str, Any], ArrayMapping]:
-    """Return the arrays, with one array of all positions (T, S, 3) in place of those of each station, and the options
-    that name it.
+) -> tuple[Mapping[str, Any], ArrayMapping, list[str]]:
+    """Return the arrays, with one array of all positions (T, S, 3) in place of those of each station, the options that
+    name it, and a sentence on what was left out.
     """
-    parts = []
+    parts, turned = [], []
     for name, listed in stations.items():
         columns = [_find(arrays, f"station {name}", key, file) for key in ([listed] if isinstance(listed, str) else
                                                                           listed)]  # fmt: skip
         part = np.column_stack([np.squeeze(column) for column in columns if column is not None])
-        part = part[:, :3] if part.shape[1] == POSE else part
-        parts.append(part.T if part.shape[0] in (2, 3) < part.shape[1] else part)
+        if part.shape[1] == POSE and part.shape[0] > POSE - len("wxyz"):
+            part = _place(part, name, file)
+            turned.append(name)
+        parts.append(part.T if part.shape[0] in (2, 3) and part.shape[0] < part.shape[1] else part)
     if len({part.shape for part in parts}) > 1 or parts[0].shape[1] not in (2, 3):
         shapes = ", ".join(f"{name} {part.shape}" for name, part in zip(stations, parts, strict=True))
         raise InputError(f"{file}: the positions of the stations must have equal lengths and 2 or 3 coordinates, but "
@@ -176,7 +180,17 @@ def _by_station(
     used = {key for listed in stations.values() for key in ([listed] if isinstance(listed, str) else listed)}
     rest = {name: array for name, array in arrays.items() if name not in used}
     update = {"position": POSITIONS, "station": list(stations), "order": "tsa"}
-    return rest | {POSITIONS: np.stack(parts, axis=1)}, options.model_copy(update=update)
+    left = [f"orientations of {shorten(turned)} in {file} were left out"] if turned else []
+    return rest | {POSITIONS: np.stack(parts, axis=1)}, options.model_copy(update=update), left
+
+
+def _place(pose: NDArray, station: str, file: str) -> NDArray:
+    """Return the positions (T, 3) of poses (T, 7) whose last four numbers are quaternions; refuse others."""
+    norm = np.linalg.norm(pose[np.isfinite(pose).all(axis=1), 3:], axis=1)
+    if not (norm.size and np.mean(np.abs(norm - 1.0) < UNIT) > MOST):
+        raise InputError(f"{file}: the array of station {station} has 7 columns, whose last four are no quaternions of "
+                         "norm 1: store x, y, z first, or name arrays of positions alone")
+    return pose[:, :3]
 
 
 def _inputs(arrays: Mapping[str, Any], options: ArrayMapping, file: str) -> dict[str, Any]:

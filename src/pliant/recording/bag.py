@@ -4,8 +4,8 @@ Poses and points become stations, pressures become the pressure of chambers. Tim
 the times of reception where the messages of a topic have no header or no stamp in it. Stations in other coordinate
 frames are transformed into that of the first station by the constant transforms of the bag (tf). Known types:
 PoseStamped, PoseWithCovarianceStamped, PoseArray, TransformStamped, Odometry, PointStamped, PointCloud, PointCloud2,
-Imu, FluidPressure, Float64, Float32 and arrays of these. A FluidPressure is absolute: subtract the ambient pressure by
-``linear.pressure``.
+Imu, FluidPressure, Float64, Float32 and, where `pressure` names them, arrays of these. A FluidPressure is absolute:
+subtract the ambient pressure by ``linear.pressure``.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> Reading:
     options = BagMapping.load(mapping, path.name)
     if find_spec("rosbags") is None:
         raise InputError(f"{path.name}: ROS 2 bags need rosbags, which is not installed: pip install 'pliant[ros]'")
-    arrays, facts = read_apart("bag", path, "ROS 2 bag")
+    arrays, facts = read_apart("bag", path, "ROS 2 bag", [*(options.pressure or {}).values()])
     cut = cut_short(facts, path.name)
     topics = {t["name"]: topic_of(t, arrays, options.clock) for t in facts["topics"]}
     unread = [f"topic {topic[:60]} cannot be read: {reason}" for topic, reason in facts["unread"].items()]

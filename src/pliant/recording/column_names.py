@@ -13,7 +13,7 @@ import numpy as np
 
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
-from pliant.recording.tables import holds_number, without_dots
+from pliant.recording.tables import holds_number
 from pliant.units import METRE, PASCAL, PIXEL, RADIAN, standard_unit
 
 if TYPE_CHECKING:
@@ -162,11 +162,11 @@ def _position(name: str) -> tuple[str, str] | None:
     """Return the standard name and the unit of a column of a station's coordinate, or None."""
     for bare, unit in (_without_unit(name, LENGTHS), (name, "")):  # tip_px is no name with a unit
         if match := BEFORE.fullmatch(bare) or COUNTED.fullmatch(bare):
-            return f"{match[1].lower()}_{without_dots(match[2])}", unit
+            return f"{match[1].lower()}_{match[2]}", unit
         if match := BEHIND.fullmatch(bare) or JOINED.fullmatch(bare):
             owner, axis = [group for group in match.groups() if group]
             if re.split(r"[_ .:]", owner)[-1].lower() not in LETTERS and not is_no_place(words_of(owner)):
-                return f"{axis.lower()}_{without_dots(owner)}", unit
+                return f"{axis.lower()}_{owner}", unit
     return None
 
 
@@ -210,7 +210,7 @@ def _orientations(names: Iterable[str], stations: Collection[str]) -> dict[str, 
     """Return the standard names of the columns of quaternions, such as ``tip_qx`` or ``quat_w``, of stations of which
     the table has all four. The q0 beside qx, qy and qz is w.
     """
-    turns = {name: (without_dots(match[1] or BODY), NUMBERED.get(match[2], match[2].lower())) for name in names
+    turns = {name: (match[1] or BODY, NUMBERED.get(match[2], match[2].lower())) for name in names
              if (match := TURN.fullmatch(name))}  # fmt: skip
     count = Counter(station for station, _ in turns.values())
     return {name: f"q{axis}_{station}" for name, (station, axis) in turns.items()

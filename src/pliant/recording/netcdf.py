@@ -14,11 +14,8 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.files import is_sealed, seal, whole
 from pliant.recording.apart import read_apart
-from pliant.recording.clock import SECONDS
-from pliant.recording.mapping import named_in, shorten
 from pliant.recording.registry import ENDINGS, Reader, begins_with
-from pliant.recording.schema import COORDINATES, VARIABLES, append_history, check_recording
-from pliant.units import METRE, PASCAL, standard_unit
+from pliant.recording.schema import COORDINATES, VARIABLES, check_recording
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -41,47 +38,12 @@ def read_netcdf(path: Path, mapping: Mapping[str, Any] | None = None) -> xr.Data
                          "file again")
     arrays, facts = _stored(path)
     if "schema" not in facts["groups"].get("", {}):
-        return _of_named(arrays, facts, mapping, path.name)
+        from pliant.recording.hdf5_arrays import of_named  # not for files of pliant
+
+        return of_named(arrays, facts, mapping, path.name)
     if mapping:
         raise InputError(f"{path.name} is netCDF, which needs no mapping: remove the mapping")
     return _in_memory(_decoded(arrays, facts, path.name)["/"])
-
-
-def _of_named(
-    arrays: Mapping[str, NDArray], facts: Mapping[str, Any], mapping: Mapping[str, Any] | None, file: str
-) -> xr.Dataset:
-    """Return the recording of an HDF5 file that pliant did not write, whose arrays have the names ``group.array`` or
-    ``table.column``; without the name of a group or table that holds all. Units that neither names nor the mapping
-    state are those of the attributes ``unit`` or ``units`` of the arrays that are read.
-    """
-    from pliant.recording.arrays import PRESSURE_NAMES, USUAL_NAMES, recording_from_arrays  # not for files of pliant
-    from pliant.recording.column_names import parted
-
-    names = {path: path.replace("/", ".").replace(":", ".") for path in facts["variables"]}
-    while all("." in name for name in names.values()) and len({n.partition(".")[0] for n in names.values()}) == 1:
-        names = {path: name.partition(".")[2] for path, name in names.items()}
-    numeric, others = {}, [path.replace("/", ".") for path in facts["others"]]
-    units = dict[str, str]()
-    for path, (key, _, attributes) in facts["variables"].items():
-        name = names[path]
-        if arrays[key].dtype.kind not in "iufb":
-            others.append(name)
-            continue
-        unit = standard_unit(str(attributes.get("unit", attributes.get("units", ""))))
-        units |= {name: unit} if unit in {*METRE, *PASCAL, *SECONDS} else {}
-        scale = SECONDS.get(unit, 1.0) if not parted(name.rpartition(".")[2])[1] else 1.0
-        numeric[name] = arrays[key] if scale == 1.0 else arrays[key] * scale
-    options = dict(mapping or {})
-    for entry, role, known in (("length_unit", "position", METRE), ("pressure_unit", "pressure", PASCAL)):
-        named = named_in(options.get(role)) or {*USUAL_NAMES.get(role, PRESSURE_NAMES)}
-        stated = {unit for name, unit in units.items() if name in named and unit in known}
-        if entry not in options and len(stated) > 1:
-            raise InputError(f"the arrays of {role} in {file} state several units ({', '.join(sorted(stated))}): write "
-                             f"them in one, or state {entry} in the mapping if the attributes are wrong")
-        options |= {entry: stated.pop()} if stated and entry not in options else {}
-    recording = recording_from_arrays(numeric, options or None, file, others=others)
-    said = f"units of {file} by its attributes: {shorten([f'{name} [{unit}]' for name, unit in units.items()])}"
-    return append_history(recording, said) if units else recording
 
 
 def read_groups(path: Path) -> dict[str, xr.Dataset]:

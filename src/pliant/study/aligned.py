@@ -18,6 +18,7 @@ from pliant.preprocessing.side import x_sign
 from pliant.preprocessing.sync import shift_pressure, sync
 from pliant.recording import append_history, read
 from pliant.recording.inputs import inputs_on_one_clock
+from pliant.recording.rules import shape_values, shape_variable
 from pliant.recording.typed_steps import prolonged
 from pliant.simulation.forces import PointForce
 from pliant.study.body import in_base_frame
@@ -26,6 +27,7 @@ from pliant.units import input_words
 from pliant.validation.outcome import Clocks
 
 Array = np.ndarray
+LAST, BACK = 5, 0.1  # frames at the end; of the largest motion: a body that is less far from its begin is back there
 
 
 class Aligned(NamedTuple):
@@ -78,7 +80,7 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
     """Return the recording with the pressure, and other inputs, added from a separate log file. They stay on the log's
     own clock.
     """
-    log = prolonged(log, float(np.ptp(recording["time"].values)))
+    log = log if returns(recording) else prolonged(log, float(np.ptp(recording["time"].values)))
     inputs = {variable: log[variable] for variable in ("pressure", "actuation") if variable in log}
     if not inputs:
         raise InputError(f"recording {name}: {file} holds no pressure or other input: state its columns in "
@@ -91,6 +93,19 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
     lines = str(log.attrs.get("history", "")).splitlines()
     added = f"{' and '.join(inputs)} from {file} sha256 {digest}"
     return append_history(joined, *(f"{file}: {line}" for line in lines), added)
+
+
+def returns(recording: xr.Dataset) -> bool:
+    """Return whether the shape is at the end where it was at first, as when a last level was let off that no table of
+    steps holds.
+    """
+    if not shape_variable(recording):
+        return True
+    rows = shape_values(recording).reshape(recording.sizes["time"], -1)
+    away = rows[np.isfinite(rows).all(axis=1)]
+    away = away - away[:1]
+    most = np.linalg.norm(away, axis=1).max(initial=0.0)
+    return not most or bool(np.linalg.norm(np.median(away[-LAST:], axis=0)) <= BACK * most)
 
 
 def with_log(

@@ -189,6 +189,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     if clock is None:  # read as stated, it is refused by the rows in which it goes back
         clock = next((k for k in clocks if parted(table.names[k])[0] in CLOCKS and table.changes(k)), None)
     parts = parted_clock(table.names) if clock is None else parted_by_unit(table)
+    parts = parts if parts and clock in (None, parts.seconds, parts.fraction) else None  # not beside a whole clock
     used |= {parts.seconds, parts.fraction} if parts else set()
     rest = [k for k in range(len(table.names)) if k not in used and k != clock and table.changes(k)]
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
@@ -281,10 +282,10 @@ def is_smooth(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[in
 def length_unit(table: PlainTable, stations: Mapping[str, Mapping[str, Sequence[int]]]) -> tuple[str, str]:
     """Return the unit of the positions, by the names of their columns or else by their range, and a sentence on it."""
     columns = [k for parts in stations.values() for k in parts["position"]]
-    if {"frame_idx", "instance.score"} <= {*table.names}:
-        return PIXEL, "points of SLEAP are in pixels"
     if table.names:
         units = {unit_of(table.names[k], (*METRE, PIXEL)) for k in columns}
+        if units == {""} and {"frame_idx", "instance.score"} <= {*table.names}:
+            return PIXEL, "points of SLEAP are in pixels"
         if len(units) == 1 and (unit := units.pop()):
             return unit, ""
     axes = zip_longest(*(parts["position"] for parts in stations.values()))

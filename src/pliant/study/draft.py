@@ -197,7 +197,8 @@ def unexplained(trial: Trial) -> list[str]:
 
 def several_bases(trial: Trial) -> dict[str, str]:
     """Return a warning if stations of several bodies say base, as armA_base and armB_base do, but not base_1 and 2."""
-    bases = {re.sub(r"[\W_\d]+|base", "", name.lower()): name for name in trial.names if "base" in words_of(name)}
+    bases = {re.sub(r"base[\W_]*\d*|[\W_]+", "", name.lower()): name for name in trial.names
+             if "base" in words_of(name)}  # fmt: skip
     said = (f"{' and '.join(bases.values())} say base: if they are on two bodies, state the stations of one in each "
             "recording, and correct the length")  # fmt: skip
     return {"several bases": said} if len(bases) > 1 else {}

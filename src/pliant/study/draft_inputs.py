@@ -14,7 +14,7 @@ from pliant.preprocessing.detectors import without_spikes
 from pliant.recording.column_names import words_of
 from pliant.recording.inputs import RecordedInput, inputs_at, recorded_inputs
 from pliant.study.first_reading import several
-from pliant.study.input_guess import COMMANDED
+from pliant.study.input_guess import COMMANDED, UNITS
 from pliant.study.inspected import Inspected
 from pliant.study.kinds import levels_by_name, named_kind
 from pliant.study.shorthand import OPEN
@@ -201,6 +201,16 @@ def joints_up_to(end: float, length: float | None) -> list[int]:
     return [k + 1 for k in range(LINKS) if (k + 0.5) * (length or end) / LINKS < 1.05 * end]
 
 
+def is_set_point(name: str) -> bool:
+    """Return whether the name of a channel says a set point. The word set does at its end alone, before a unit:
+    cable_set1 is one of several sets.
+    """
+    words = words_of(name)
+    if words and any(words[-1] in units for units in UNITS.values()):
+        words.pop()
+    return bool((COMMANDED - {"set"}) & set(words)) or words[-1:] == ["set"]
+
+
 def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
     """Write the entries that say which recorded channel drives which input of the model. Further entries say whether
     the inputs of tendons were measured, and how the model follows inputs that the log held constant between updates.
@@ -212,7 +222,7 @@ def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
     if driving:
         out.put("drive", driving, "input of the model = channel of the recording")
     moving = [s for s in recorded_inputs(trial.recording) if np.unique(s.values[np.isfinite(s.values)]).size > 1]
-    if moving and all(COMMANDED & set(words_of(signal.name)) for signal in moving):
+    if moving and all(is_set_point(signal.name) for signal in moving):
         out.put("signal", "commanded", 'set points by their names, which the body follows with a lag; or "measured"')
     elif trial.tendon_inputs:
         out.put("signal", "measured", 'or "commanded" for a set point, which the motor follows with a lag')

@@ -55,7 +55,8 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
         return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
     shown = shape_variable(recording)
     shape = bool(shown) or "strain" in recording
-    unfit = not stated and too_large(recording)
+    dotted = not stated and named_by_a_path(recording)
+    unfit = dotted or (not stated and too_large(recording))
     if shown == "angle" and (directed := curved(path, stated)):
         return directed
     if recording.sizes.get("station") == 1 and shown == "position":
@@ -65,7 +66,15 @@ def read_or_guess(path: Path, mapping: dict[str, Any] | None) -> FirstReading:
     guess = guessed_table(path, stated)
     if guess is None or (shape and not (guess.has_inputs or guess.trials or unfit)) or "select" in stated:
         return FirstReading(recording, {})
-    return FirstReading(read_shape(path, guess.readable), guess.assumed, guess)
+    again = read_shape(path, guess.readable)
+    kept = not dotted or holds_as_much(again, recording)
+    return FirstReading(again, guess.assumed, guess) if kept else FirstReading(recording, {})
+
+
+def holds_as_much(guessed: xr.Dataset, recording: xr.Dataset) -> bool:
+    """Return whether a guessed reading holds all variables, sizes and the frame of what the file states."""
+    return ({*recording.variables} <= {*guessed.variables} and recording.sizes.items() <= guessed.sizes.items()
+            and recording.attrs.get("frame") == guessed.attrs.get("frame"))
 
 
 def curved(path: Path, stated: Mapping[str, Any]) -> FirstReading | None:
@@ -82,6 +91,11 @@ def too_large(recording: xr.Dataset) -> bool:
         return False
     position = recording["position"].values
     return max(extent(position[..., axis]) for axis in range(position.shape[-1])) > MILLIMETRES
+
+
+def named_by_a_path(recording: xr.Dataset) -> bool:
+    """Return whether a station has a dot in its name, as in field.pose, by which no parameter can be named."""
+    return "station" in recording.dims and any("." in str(name) for name in recording["station"].values)
 
 
 def guesses(path: Path, stated: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -192,8 +206,9 @@ def shape_of(log: Path, shapes: Sequence[Path]) -> Path | None:
     shared = {f: (words & Counter(WORD.findall(f.stem.lower()))).total() for f in shapes}
     most = max(shared.values(), default=0)
     best = [f for f, count in shared.items() if count == most]
-    alike = {f: sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(log.stem, f.stem, strict=False)))
-             for f in best}  # the letters with which both begin: cam1_log belongs to cam1DLC_resnet50_1
+    begin = WORD.findall(log.stem.lower())  # words and numbers of both: cam1_log belongs to cam1DLC_resnet50_1
+    alike = {f: sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1],
+                                         zip(begin, WORD.findall(f.stem.lower()), strict=False))) for f in best}
     longest = [f for f in best if alike[f] == max(alike.values())]
     return longest[0] if most and len(longest) == 1 else None
 

@@ -34,6 +34,7 @@ ABSOLUTES = {"abs", "absolute"}
 PERCENT = {"%", "percent", "pct"}  # of a valve's duty or opening, which is 0 without pressure
 CONVERTER = re.compile(r"(?:.*[\W_])?(?:adc|ai)_?[0-9]{1,2}(?:[ _]?[\[(]?(?:v|volts?|counts?|raw)[\])]?)?",
                        re.IGNORECASE)  # fmt: skip
+MOVING = 0.2  # of the variance of a signal: mean squared step from row to row, which is 2 for noise alone
 SERVOS = {"dxl", "dynamixel"}  # whose positions are angles
 COUNTED = {"v", "volt", "volts", "mv", "ma", "counts", "count", "adc", "dac", "raw", "bit", "bits", "lsb"}
 OTHER_UNITS = {*COUNTED, *PERCENT, "a", "w", "hz", "ohm", "kohm", "rpm", "m/s", "mm/s", "cm/s", "deg/s", "rad/s"}
@@ -92,9 +93,16 @@ def lone_input(table: PlainTable, k: int) -> tuple[str, str]:
         return "steps" if table.whole(k) else "angle", ""
     if is_bare_pressure(table, k):
         return "pressure", ""
-    if CONVERTER.fullmatch(table.names[k]):
-        return RAW, "adc"
     return (RAW, "%") if "pwm" in words and not OTHER_WORDS & set(words) else ("", "")
+
+
+def converted_input(table: PlainTable, k: int) -> tuple[str, str]:
+    """Return the kind and the unit of a column k that is the reading of a converter, such as adc0, and moves beyond its
+    noise, which may be a pressure where nothing else is an input.
+    """
+    known = table.values[np.isfinite(table.values[:, k]), k]
+    moves = known.size > 1 and np.mean(np.diff(known) ** 2) < MOVING * np.var(known)
+    return (RAW, "adc") if moves and CONVERTER.fullmatch(table.names[k]) else ("", "")
 
 
 def is_place_of_servo(words: Sequence[str]) -> bool:
@@ -160,7 +168,8 @@ def input_entries(table: PlainTable, columns: Sequence[int]) -> tuple[dict[str, 
     """
     notes: list[str] = []
     inside = [k for k in columns if not is_ambient(table, k)]
-    kinds = grouped({k: kind_of(table, k) for k in inside}) or grouped({k: lone_input(table, k) for k in inside})
+    kinds = next(filter(None, (grouped({k: of(table, k) for k in inside})
+                               for of in (kind_of, lone_input, converted_input))), {})  # fmt: skip
     left = [k for k in columns if not any(k in members for members in kinds.values())]
     for names, what in ((COMMANDED, "commands beside measured inputs"), (None, "supplies beside pressures of a body")):
         for key, members in kinds.items():

@@ -48,9 +48,10 @@ TURNING = {"q", "quat", "quaternion", "orientation"}
 ACCELERATIONS = {"a", "acc", "accel", "acceleration", "linear_acceleration"}
 TURNS = {*TURNING, "ori", "rot"}
 SENSOR = (r"(?P<kind>q|quat|quaternion|orientation|ori|rot|a|acc|accel|acceleration|linear_acceleration|g|grav|gravity)"
-          r"_?(?P<axis>[xyzw0-3])")  # fmt: skip
+          r"_?(?P<axis>[xyzw])")  # fmt: skip
 SENSED = (re.compile(rf"(?:(?P<owner>.+?)_)?(?:imu_)?{SENSOR}(?:_m_s_?2?)?"),
           re.compile(rf"{SENSOR}_(?P<owner>.+?)(?:_m_s_?2?)?"))  # fmt: skip
+COMPONENT = re.compile(rf"(?:(?P<owner>.+?)_)?(?:imu_)?(?P<kind>{'|'.join(sorted(TURNS))})_?(?P<axis>[0-3])")
 
 
 @dataclass(frozen=True)
@@ -178,16 +179,17 @@ def sensors_by_name(table: PlainTable) -> dict[str, list[int]]:
     """Return the sensors of a table without positions, by their name: the columns of the three components of an
     acceleration, or of the four of a quaternion.
     """
-    groups: dict[tuple[str, str], dict[str, int]] = {}
+    groups, counted = dict[tuple[str, str], dict[str, int]](), dict[tuple[str, str], dict[str, int]]()
     for k, name in enumerate(table.names):
-        words = words_of(name.partition("[")[0].removesuffix("_g"))
-        if match := next(filter(None, (form.fullmatch("_".join(words)) for form in SENSED)), None):
+        words = "_".join(words_of(name.partition("[")[0].removesuffix("_g")))
+        match = next(filter(None, (form.fullmatch(words) for form in (*SENSED, COMPONENT))), None)
+        if match:
             owner = match["owner"] or ""
             key = ("tip" if owner in ("", *TURNS) else owner, match["kind"])
-            groups.setdefault(key, {}).setdefault(match["axis"], k)
-    for (_, kind), axes in groups.items():  # q0 to q3, but not angles of joints
-        if kind in TURNS and "".join(sorted(axes)) == "0123" and table.turns([*axes.values()]):
-            axes |= {axis: axes.pop(digit) for axis, digit in zip("wxyz", "0123", strict=True)}
+            (counted if match["axis"].isdigit() else groups).setdefault(key, {}).setdefault(match["axis"], k)
+    for key, axes in counted.items():  # q0 to q3, but not angles of joints
+        if key not in groups and len(axes) == len("wxyz") and table.turns([*axes.values()]):
+            groups[key] = {axis: axes[digit] for axis, digit in zip("wxyz", "0123", strict=True)}
     accelerated = {owner for owner, kind in groups if kind in ACCELERATIONS}
     for parts in ("xyzw", "xyz"):
         sensors: dict[str, list[int]] = {}
