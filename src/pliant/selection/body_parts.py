@@ -57,12 +57,12 @@ def other_markers(model: Model, experiments: Sequence[Experiment]) -> list[Param
     """Return the places of all markers but the last of each recording, near those of the model, as far as it has them
     already.
     """
-    shown = [e for e in experiments if not e.without_positions]
-    last = {e.stations[-1] for e in shown}
-    names = dict.fromkeys(n for e in shown for n in e.stations if n not in last)
-    places = {p.name: p for p in model.stations}
+    tracked = [e for e in experiments if not e.without_positions]
+    last = {e.stations[-1] for e in tracked}
+    names = dict.fromkeys(n for e in tracked for n in e.stations if n not in last)
+    stations = {p.name: p for p in model.stations}
     axes = list(fitted(STATION))[: mechanics_of(model).dimension]
-    return [near(f"{n}.{axis}", float(getattr(places[n], axis)) if n in places else 0.0, model)
+    return [near(f"{n}.{axis}", float(getattr(stations[n], axis)) if n in stations else 0.0, model)
             for n in names for axis in axes]  # fmt: skip
 
 

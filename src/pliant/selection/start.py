@@ -165,18 +165,19 @@ def fit_begun_at(
     """Return the setting of all fits of a search, and the fit of the first model to the motion, begun at the fit
     `still` of settled shapes. What these do not show, such as damping, begins at its first guess.
     """
-    train, shown = setting.experiments, {p.name for p in still.problem.free}
+    train, fitted_names = setting.experiments, {p.name for p in still.problem.free}
     many = len(still.problem.free) > MANY
     listed = first_parameters(model, train, common)
     names = {p.name for p in listed}
-    begun = [*(p.with_(value=still.values[p.name]) if p.name in shown else p for p in listed),
+    begun = [*(p.with_(value=still.values[p.name]) if p.name in fitted_names else p
+               for p in listed),
              *(p for p in still.parameters if p.name not in names)]  # fmt: skip
     values = {p.name: p.value for p in begun if p.value is not None}
     setting = replace(setting, time_step=time_step or fit_step(still.model, values, train))
     if time_step is None:
         with suppress(PliantError):
-            known = [p.with_(free=p.free and p.name not in shown) for p in begun] if many else begun
-            first = fitted(replace(setting, time_step=frame_spacing(train) / STEPS_A_FRAME), still.model, known)
+            moving = [p.with_(free=p.free and p.name not in fitted_names) for p in begun] if many else begun
+            first = fitted(replace(setting, time_step=frame_spacing(train) / STEPS_A_FRAME), still.model, moving)
             setting = replace(setting, time_step=tried_step(first, setting.time_step))
             begun = [p.with_(value=first.values[p.name]) for p in begun]
     return setting, fitted(setting, still.model, begun, tolerance=ALMOST if many else TOLERANCE)

@@ -122,10 +122,10 @@ class Term(NamedTuple):
 
     def on(self, model: Model) -> Term:
         """Return the term with the places of markers where the model has them: there it has no effect."""
-        places = {f"{s.name}.{axis}": value for s in model.stations for axis, value in s._asdict().items()}
-        null = {name: places.get(name, value) for name, value in self.null.items()}
+        coordinates = {f"{s.name}.{axis}": value for s in model.stations for axis, value in s._asdict().items()}
+        null = {name: coordinates.get(name, value) for name, value in self.null.items()}
         return self._replace(null=null, adds=tuple(
-            near(p.name, places[p.name], model) if p.name in places else p for p in self.adds))
+            near(p.name, coordinates[p.name], model) if p.name in coordinates else p for p in self.adds))
 
     def about(self, held: Mapping[str, float]) -> Term:
         """Return the term with priors about the parameters that it replaces, if these are `held` (SI): their scale,
