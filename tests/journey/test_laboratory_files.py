@@ -173,7 +173,7 @@ def test_strain_of_the_cores_of_a_fibre_ends_in_a_model(tmp_path):
 
 
 @pytest.mark.parametrize(("mapping", "message"), [
-    (None, r"strain of a fibre: describe its cores .*\[cores\]\) and give that by --mapping"),
+    (None, r"strain of a fibre: (describe|state) its cores .*\[cores\]\) and give that by --mapping"),
     ({"cores": {}}, "radius_um: Field required"),
     ({"cores": 35}, "must be a table"),
     ({"cores": {"radius_um": 70}}, "of 1 core.*describes 4: name the files of the others in cores.files"),

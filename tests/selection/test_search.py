@@ -300,7 +300,7 @@ def test_a_chosen_model_has_no_undetermined_parameter_without_a_prior(values, na
     best = fitted(setting, GIVEN, [*begun, *(p for t in terms for p in t.begun(t.grid[0], {}))])
     search = Search(setting, best.model, best, terms, clock.monotonic(), clock.monotonic() + 60, lambda _line: None,
                     chosen=list(terms))  # fmt: skip
-    vague = {name for t in terms for name in search.vague(t)}
+    vague = {name for t in terms for name in search.vague(t, search.best.doubts)}
     assert vague
     result, null = search.final_fit(), {n: v for t in terms for n, v in t.null.items()}
     for p in (p for t in terms for p in result.parameters if p.name in {a.name for a in t.adds} and p.free):

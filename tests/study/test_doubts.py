@@ -100,7 +100,7 @@ def test_exchanged_labels_are_undone_on_request(tmp_path):
 def test_a_draft_shifts_motions_that_begin_alike_to_a_common_rest(tmp_path, resting, line):
     files = []
     for k, (name, level) in enumerate(LEVELS_KPA.items()):
-        columns = table(level)
+        columns = table(level).copy()
         columns[:, 1] += resting * k
         columns[:, 2:] += 0.01 * k  # mounted anew
         files.append(write_recording(tmp_path / f"{name}.csv", columns))
@@ -115,7 +115,7 @@ def test_a_draft_keeps_the_rests_of_loads_and_of_pressures_that_differ_by_less_t
     for kind, zero, names in (("loads", 0.0, ("low_0g", "mid_50g")), ("absolute", 101.3, ("low", "mid"))):
         files = []
         for k, (name, level) in enumerate(zip(names, (30.0, 60.0), strict=True)):
-            columns = table(level)
+            columns = table(level).copy()
             columns[:, 1] += zero + (4.0 * k if zero else 0.0)
             files.append(write_recording(tmp_path / f"{kind}_{name}.csv", columns))
         text = draft_study(files, tmp_path / f"{kind}.toml", length=0.12, mass=0.05).text
