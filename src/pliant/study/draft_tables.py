@@ -26,6 +26,7 @@ EARTH = 9.81  # m/s^2
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 MINUTES = 5
 FINE = 0.01  # of the largest rotation: steps of an angle that show how links differ
+FIRST_SAMPLES = 3
 SAME_INPUT = 0.05  # of the widest range of an input of its kind: difference between inputs that count as the same
 WAYS = {"along": "position of this station on its link", "across": "across it", "aside": "perpendicular to both"}
 
@@ -272,13 +273,13 @@ def rest_alike(trials: Sequence[Trial]) -> bool:
 
 
 def resting_inputs(body: xr.Dataset) -> dict[tuple[str, str], float]:
-    """Return the median [SI] of each input of an aligned recording during its rest, by kind and name; NaN for one that
-    was not sampled then.
+    """Return the median [SI] of the first samples of each input of an aligned recording in its rest, at the end of
+    which an input may rise already, by kind and name; NaN for one that was not sampled then.
     """
     start, stop = alignment_of(body).rest_s
     resting = dict[tuple[str, str], float]()
     for signal in recorded_inputs(body):
-        during = signal.values[(signal.time >= start) & (signal.time <= stop)]
+        during = signal.values[(signal.time >= start) & (signal.time <= stop)][:FIRST_SAMPLES]
         resting[signal.kind, signal.name] = float(np.nanmedian(during)) if np.isfinite(during).any() else np.nan
     return resting
 
