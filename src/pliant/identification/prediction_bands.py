@@ -155,7 +155,8 @@ def prediction_band(
 
 def trial_to_trial(rows: Array, recordings: int) -> Array:
     """Return the stated variance (T, S, k) of a motion (T, S, k) from trial to trial: that of a common gain. It is 0
-    where several training `recordings` show their scatter in the residuals.
+    where three or more training `recordings` show their scatter. Two at different levels do not: a torque law passes
+    through both.
     """
     return np.asarray((TRIAL_GAIN * (rows - rows[:1])) ** 2 * (recordings < FEWEST))
 

@@ -46,12 +46,8 @@ class Search(RunningSearch):
 
     def run(self) -> ModelSelection:
         """Add terms until none helps, drop those that are not needed, and return the selection."""
-        stop = ""
         try:
-            while not stop:
-                stop = self.add_term()
-                if stop == NO_BETTER and (self.restart_terms() or self.drop_terms()):
-                    stop = ""
+            stop = self.choose()
             self.drop_terms()
         except KeyboardInterrupt:
             stop = "it was interrupted, and this is the best model so far"
@@ -61,6 +57,15 @@ class Search(RunningSearch):
         rivals = rivals_among(self.others, self.score, self.best, self.setting.loss)
         return ModelSelection(tuple(self.steps), names, self.reason(stop), result,
                               clock.monotonic() - self.began, stop == NO_BETTER, rivals)
+
+    def choose(self) -> str:
+        """Add terms, begin fits anew and drop terms until none of these helps. Return why this ended."""
+        stop = ""
+        while not stop:
+            stop = self.add_term()
+            if stop == NO_BETTER and (self.restart_terms() or self.drop_terms()):
+                stop = ""
+        return stop
 
     def add_term(self) -> str:
         """Add the best term to the model. Return why the search ends, or '' if a term was added.

@@ -123,7 +123,7 @@ def first_fit(
     """
     options: dict[str, Any] = {"starts": 2, "max_evaluations": 100, "time_step": how["time_step"],
                                "weighting": how["weighting"], "loss": how["loss"], "rng": how["rng"]}  # fmt: skip
-    if all(e.poses for e in train):  # the path of a search from motions hangs on how far its first fit goes
+    if all(e.poses for e in train):  # which terms join a search from motions depends on how far its first fit goes
         options["tolerance"] = TOLERANCE
     try:
         return fit(train, model, parameters, **options)
@@ -170,8 +170,7 @@ def fit_begun_at(
     many = len(still.problem.free) > MANY
     listed = first_parameters(model, train, common)
     names = {p.name for p in listed}
-    begun = [*(p.with_(value=still.values[p.name]) if p.name in fitted_names else p
-               for p in listed),
+    begun = [*(p.with_(value=still.values[p.name]) if p.name in fitted_names else p for p in listed),
              *(p for p in still.parameters if p.name not in names)]  # fmt: skip
     values = {p.name: p.value for p in begun if p.value is not None}
     setting = replace(setting, time_step=time_step or fit_step(still.model, values, train))

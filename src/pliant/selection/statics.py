@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 from pliant.identification.parameters import apply
 from pliant.selection.first_model import determined
 from pliant.selection.fitted import FitSetting, FittedModel
-from pliant.selection.search import NO_BETTER, Search
+from pliant.selection.search import Search
 from pliant.selection.terms import Term, terms_for
 
 OF_THE_PATH = ("slip", "tendon_friction", "entry_friction")  # depend on the motion between the shapes
@@ -43,17 +43,8 @@ def with_static_terms(
     began = clock.monotonic()
     search = Search(shapes, still.model, determined(still, shapes), terms, began, began + seconds,
                     lambda line: notify(f"settled shapes, {line}"), stated=stated)  # fmt: skip
-    choose(search)
+    search.choose()
     return search.best, search.chosen
-
-
-def choose(search: Search) -> None:
-    """Add terms until none helps, and drop those that are not needed."""
-    stop = ""
-    while not stop:
-        stop = search.add_term()
-        if stop == NO_BETTER and (search.restart_terms() or search.drop_terms()):
-            stop = ""
 
 
 def in_order(terms: Sequence[Term], chosen: Sequence[Term]) -> list[Term]:
