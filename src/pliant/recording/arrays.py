@@ -184,10 +184,15 @@ def _by_station(
     return rest | {POSITIONS: np.stack(parts, axis=1)}, options.model_copy(update=update), left
 
 
+def are_quaternions(rows: NDArray) -> bool:
+    """Return whether nearly all rows (T, 4) are quaternions of norm 1."""
+    norm = np.linalg.norm(rows, axis=1)
+    return bool(norm.size and np.mean(np.abs(norm - 1.0) < UNIT) > MOST)
+
+
 def _place(pose: NDArray, station: str, file: str) -> NDArray:
     """Return the positions (T, 3) of poses (T, 7) whose last four numbers are quaternions; refuse others."""
-    norm = np.linalg.norm(pose[np.isfinite(pose).all(axis=1), 3:], axis=1)
-    if not (norm.size and np.mean(np.abs(norm - 1.0) < UNIT) > MOST):
+    if not are_quaternions(pose[np.isfinite(pose).all(axis=1), 3:]):
         raise InputError(f"{file}: the array of station {station} has 7 columns, whose last four are no quaternions of "
                          "norm 1: store x, y, z first, or name arrays of positions alone")
     return pose[:, :3]

@@ -48,7 +48,7 @@ def input_names(inspected: Inspected) -> list[str]:
     """Return the names of the model's inputs; [] for a single pressure, which has no name."""
     if inspected.poses and not inspected.driven.tendon_inputs and not inspected.channels:
         return list(levels_by_name(inspected.trials)[inspected.first.name])
-    return [*inspected.channels, *inspected.tendons]
+    return [*inspected.channels, *inspected.tendons.values()]
 
 
 def inputs_of_poses(out: Lines, inspected: Inspected) -> None:
@@ -131,9 +131,8 @@ def tendons(out: Lines, inspected: Inspected) -> None:
     shown = [] if trial.aligned is None else azimuths(trial.aligned, away=False)[-len(trial.tendon_inputs) :]
     ends = [] if trial.aligned is None or trial.angles_only else \
         tendon_ends(trial.aligned, len(trial.tendon_inputs), held=displaced)
-    names = {channel: name for name, channel in inspected.tendons.items()}
     for k, signal in enumerate(trial.tendon_inputs):
-        name = names[signal.name]
+        name = inspected.tendons[signal.name]
         out.item("actuator.tendons", name)
         out.put("driven_by", signal.kind, "as its column says" if trial.guess else "as the mapping states")
         azimuth_of(out, round(ends[k][0] if ends else shown[k]) if shown else None)
@@ -175,8 +174,7 @@ def can_be_slack(inspected: Inspected) -> list[str]:
     than like themselves: tendons that were let out hang slack. Settled poses show it; a motor that turns is taken as
     one with two opposite tendons.
     """
-    named = {channel: name for name, channel in inspected.tendons.items()}
-    names = [named[pull.name] for pull in inspected.driven.tendon_inputs
+    names = [inspected.tendons[pull.name] for pull in inspected.driven.tendon_inputs
              if pull.kind == "displacement" and both_ways(pull)]  # fmt: skip
     if not names or not inspected.poses:
         return []
@@ -218,7 +216,7 @@ def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
     recorded = several(trial.recording)
     driving = {name: channel for name, channel in inspected.channels.items() if channel in recorded}
     measured = {signal.name for signal in trial.tendon_inputs}
-    driving |= {name: channel for name, channel in inspected.tendons.items() if channel in measured}
+    driving |= {name: channel for channel, name in inspected.tendons.items() if channel in measured}
     if driving:
         out.put("drive", driving, "input of the model = channel of the recording")
     moving = [s for s in recorded_inputs(trial.recording) if np.unique(s.values[np.isfinite(s.values)]).size > 1]

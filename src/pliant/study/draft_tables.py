@@ -26,7 +26,7 @@ EARTH = 9.81  # m/s^2
 NEARLY_PLANAR = 0.1  # out-of-plane fraction of the motion above which a comment is written
 MINUTES = 5
 FINE = 0.01  # of the largest rotation: steps of an angle that show how links differ
-FIRST_SAMPLES = 3
+FIRST_SAMPLES = 3  # of an input in a rest, which show its level there
 SAME_INPUT = 0.05  # of the widest range of an input of its kind: difference between inputs that count as the same
 WAYS = {"along": "position of this station on its link", "across": "across it", "aside": "perpendicular to both"}
 

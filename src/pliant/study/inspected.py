@@ -106,9 +106,9 @@ class Inspected:
 
     @property
     def tendons(self) -> dict[str, str]:
-        """Return the recorded input of each tendon of the model, by the tendon's name."""
+        """Return the name of the tendon of the model that each recorded input drives, by the input's name."""
         signals = dict.fromkeys(s.name for trial in (self.driven, *self.trials) for s in trial.tendon_inputs)
-        return dict(zip(names_of_parts([*signals], self.channels), signals, strict=True))
+        return dict(zip(signals, names_of_parts([*signals], self.channels), strict=True))
 
     def excited_by(self, excitation: str) -> bool:
         """Return whether some recording has this excitation."""

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pliant.errors import InputError
+from pliant.recording.arrays import are_quaternions
 from pliant.recording.cells import (
     cells_of,
     empty_markers,
@@ -73,8 +74,7 @@ class PlainTable:
 
     def turns(self, columns: Sequence[int]) -> bool:
         """Return whether four columns are quaternions of norm 1 in nearly all rows."""
-        norm = np.linalg.norm(self.values[:, list(columns)], axis=1)
-        return bool(np.mean(np.abs(norm - 1) < 1e-2) > 0.95)
+        return are_quaternions(self.values[:, list(columns)])
 
     def whole(self, k: int) -> bool:
         """Return whether column k holds whole numbers alone."""
