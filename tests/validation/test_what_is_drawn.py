@@ -168,6 +168,15 @@ def test_numbers_of_models_that_lie_on_each_other_share_a_place():
     assert [t.get_text() for t in ax.texts] == ["1", "2, 3", "4"]
 
 
+def test_a_parameter_that_is_held_at_the_end_has_no_number_of_its_own():
+    steps = tuple(SelectionStep(name, title, ("a", "b"), 0.1, {"x": 3.0}, {"x": error}) for name, title, error in (
+        ("", "first", 9.0), ("creep", "creep", 4.0), ("=creep_time_1", "creep_time_1 held at 2", 5.5)))
+    (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0)).axes
+    assert [t.get_text() for t in ax.texts] == ["1", "2"]
+    assert ax.figure.get_supxlabel().split("\n") == ["1  first", "2  + creep", "    creep_time_1 held at 2"]
+    assert ax.lines[1].get_xydata().tolist()[-1] == [2, 5.5]
+
+
 def test_the_error_of_the_plain_map_is_scaled_to_left_out_parts():
     plain = SimpleNamespace(left_out_error=3.0, training_error=2.0, records={
         name: {"rmse_percent_of_travel": error} for name, error in (("a", 4.0), ("b", 6.0), ("c", 99.0))

@@ -84,6 +84,11 @@ class SelectionStep:
         return bool(self.name) and self.name[0] not in "-="
 
     @property
+    def settles(self) -> bool:
+        """Return whether a parameter was held, or got a prior, in this step, while all terms stayed."""
+        return self.name.startswith("=")
+
+    @property
     def train_percent(self) -> float:
         """Return the mean training error of all recordings, % of their peak displacement."""
         return float(np.mean(list(self.train.values())))

@@ -79,8 +79,9 @@ def chain_through(shape: Shape) -> tuple[Array, Array, Array]:
 
 def selection_figure(selection: ModelSelection, plain_map: float | None = None) -> Any:
     """Draw the errors of the training recordings and of their left-out parts against the number of free parameters, for
-    each model on the way of a model selection. Numbers beside the points refer to the list of models below the axes. A
-    dotted line shows the error of the plain map on left-out parts, in % of the peak displacement, if it is given.
+    each model on the way of a model selection. Numbers beside the points refer to the list of models below the axes,
+    which has parameters that were held or got a prior at the end without a number. A dotted line shows the error of the
+    plain map on left-out parts, in % of the peak displacement, if it is given.
     """
     steps = selection.steps
     with drawing():
@@ -88,9 +89,12 @@ def selection_figure(selection: ModelSelection, plain_map: float | None = None) 
         free = [len(s.free) for s in steps]
         ax.plot(free, [s.train_percent for s in steps], color="0.6", marker="o", markersize=4, label="training")
         ax.plot(free, [s.left_out_percent for s in steps], color=DARK, marker="s", markersize=4, label="parts left out")
-        for numbers, place in numbered(free, [max(s.train_percent, s.left_out_percent) for s in steps]):
+        models = [s for s in steps if not s.settles]
+        errors = [max(s.train_percent, s.left_out_percent) for s in models]
+        for numbers, place in numbered([len(s.free) for s in models], errors):
             ax.annotate(numbers, place, xytext=(5, 4), textcoords="offset points", fontsize=6.5)
-        names = [f"{k}  {'+ ' if s.joins else ''}{clip(s.title, 60)}" for k, s in enumerate(steps, 1)]
+        names = [f"{k}  {'+ ' if s.joins else ''}{clip(s.title, 60)}" for k, s in enumerate(models, 1)]
+        names += [f"    {clip(s.title, 60)}" for s in steps if s.settles]
         figure.supxlabel("\n".join(names), x=0.02, ha="left", fontsize=6.5)
         ax.plot(free[-1], steps[-1].left_out_percent, color=DARK, marker="s", markersize=8, fillstyle="none",
                 linestyle="", label="chosen")
