@@ -183,6 +183,23 @@ def test_modes_of_a_shape_are_those_under_the_inputs_that_hold_it(key):
         assert not np.allclose(by_inputs, bare, rtol=1e-3)
 
 
+@pytest.mark.parametrize("pretension", [0.5, -2.0])
+@pytest.mark.parametrize("pairs", [1, 3])
+def test_shapes_of_a_body_that_pairs_shorten_are_held_whichever_tendons_are_slack(pairs, pretension):
+    """The sum of both tensions of a pair shortens the body, and depends on which of the two is slack."""
+    cords = [Tendon.at_azimuth(2.0 * np.pi * k / pairs, np.ones(4), name=name, lever=8e-3, driven_by="displacement",
+                               line_stiffness=2e3, pretension=pretension, pair=True, spacing=0.03)
+             for k, name in enumerate("abc"[:pairs])]  # fmt: skip
+    model = chain_model(length=0.12, mass=0.05, links=4, stiffness=0.05, damping=1e-3, space=True, chambers=cords,
+                        gravity=[0.0, 0.0, 9.81], extensions=[Extension(500.0, 1.0)])  # fmt: skip
+    rng, agree = np.random.default_rng(0), 0
+    for _ in range(10):
+        commands = rng.uniform(-3e-3, 3e-3, pairs)
+        shape = equilibrium(model, commands)
+        agree += np.allclose(modes(model, shape)[0], modes(model, shape, pressure=commands)[0], rtol=1e-6)
+    assert agree >= 8  # other tensions of the three pairs may hold the same shape
+
+
 def test_a_shape_that_no_tendon_holds_is_refused():
     with pytest.raises(InputError, match=r"no values of the inputs .* hold this shape"):
         modes(MODELS["slack"], [0.3, 0.0, -0.3, 0.2])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import islice, product
 from typing import Any
 
 import numpy as np
@@ -20,7 +22,7 @@ Array = np.ndarray
 UNSOLVED = 1e80  # size of coordinates after a step of tendons that did not converge, see `equations.tendon.step`
 TINY = 1e-20  # imaginary step: its square vanishes beside 1
 LET_OUT = 1e30  # N, less of which every tendon is slack
-SUMS = 50  # iterations of the sums of tensions of pairs, at most
+SIDES, MOST_STARTS = 20, 300  # iterations of which tendons of pairs are slack, and starts of them, at most
 NO_TENSION = 1e-6  # N, below which a pair that hangs slack holds nothing
 SLIGHT, HELD = 1e-5, 1e-4  # weight of small inputs; imbalance of a shape that is held, over its largest force
 BENT = 0.5  # rad, sum of the joint angles from rest at the typical pressure
@@ -189,48 +191,76 @@ def holding_inputs(model: Model, q: Array) -> Array:
     kernels take them: no single tendon is let out. For a body without such tendons the result is 0, since its stiffness
     does not depend on the inputs.
 
-    The forces are linear in the tension of each single tendon, in the difference of both tensions of a pair, and in the
-    torque of each chamber: bounded least squares with a slight preference for the values without inputs. The sum of
-    both tensions of a pair, which acts on chords between guides and on segments that lengthen, follows by iteration.
+    The forces are linear in the tension of each single tendon, in the torque of each chamber, and, while the same
+    tendons stay slack, in the difference of both tensions of a pair: bounded least squares with a slight preference for
+    the values without inputs. Which tendons of pairs are slack matters only where the sum of both tensions of a pair
+    acts, on chords between guides and on segments that lengthen. It follows by iteration, from other starts if needed.
 
     Raises
     ------
     InputError
         When no inputs hold the shape.
     """
-    from scipy.optimize import lsq_linear
-
     chain, actuation = mechanics_of(model), model.actuation
     stiffness, pretension, *_ = actuation.tendon_constants
     if not stiffness.any():
         return np.zeros(input_length(chain))
     x = chain.coordinates(q)
-    slack = chain.static_forces(x, np.append(np.zeros(model.size), np.full(stiffness.size, -LET_OUT)))
+    let_out = np.append(np.zeros(model.size), np.full(stiffness.size, -LET_OUT))
+    slack = chain.static_forces(x, let_out)
+    largest = max(np.abs(slack).max(), np.abs(chain.static_forces(0.0 * x, let_out)).max())
     levers = actuation.levers + 2.0 * chain.body.chord * x
     still = pretension - stiffness * ((levers - chain.body.chord * x) @ x)  # signed forces without inputs
     cords = [np.flatnonzero(row[model.size :]) for row in actuation.columns]
-    effect = np.array([row[: model.size] + half_sum(levers[rows], (1.0, -1.0))
-                       for rows, row in zip(cords, actuation.columns, strict=True)]).T  # fmt: skip
-    shared = np.array([half_sum(levers[rows], (1.0, 1.0)) for rows in cords if rows.size == 2]).reshape(-1, model.size)
-    lowest = np.array([max(still[rows[0]], 0.0) if rows.size == 1 else -np.inf for rows in cords])
-    rest = np.where(np.isfinite(lowest), lowest, 0.0)
-    weight = SLIGHT * float(np.abs(effect).max()) * np.eye(len(cords))
-    sums = np.array([still[rows].sum() for rows in cords if rows.size == 2])
-    for _ in range(SUMS):
-        rows = np.concatenate([effect, weight]), np.append(-slack - sums @ shared, weight @ rest)
-        net = lsq_linear(*rows, bounds=(lowest, np.inf), tol=1e-14).x
+    for net in net_tensions(actuation.columns[:, : model.size], slack, levers, [still[c] for c in cords], cords):
         values = [commanded(force, still[cord]) for force, cord in zip(net, cords, strict=True)]
         torque = np.asarray(values @ actuation.columns)
-        tensions, before = np.maximum(still + torque[model.size :], 0.0), sums
-        sums = np.array([tensions[rows].sum() for rows in cords if rows.size == 2])
-        if not shared.any() or np.allclose(sums, before, rtol=1e-10, atol=0.0):
-            break
-    if np.abs(chain.static_forces(x, torque)).max() > HELD * np.abs(slack).max():
-        raise InputError(
-            f"no values of the inputs of {model.name!r} ({actuation.listing}) were found that hold this shape, so that "
-            "it is unknown which tendons are slack: give the values as `pressure`"
-        )
-    return torque
+        if np.abs(chain.static_forces(x, torque)).max() <= HELD * largest:
+            return torque
+    raise InputError(
+        f"no values of the inputs of {model.name!r} ({actuation.listing}) were found that hold this shape, so that "
+        "it is unknown which tendons are slack: give the values as `pressure`"
+    )
+
+
+def net_tensions(
+    torques: Array, slack: Array, levers: Array, still: list[Array], cords: list[Array],
+) -> Iterator[Array]:
+    """Yield net tensions [N] of the inputs, torques of chambers, that may balance the forces `slack` (N,) of a body
+    without tension: one for each set of slack tendons with which the iteration begins.
+
+    Parameters
+    ----------
+    torques : (C, N) array
+        Forces of each input that is a chamber, 0 otherwise.
+    levers : (tendons, N) array, m
+    still : list of arrays, N
+        Signed forces of the tendons of each input without the input.
+    cords : list of arrays
+        Numbers of the tendons of each input.
+    """
+    from scipy.optimize import lsq_linear
+
+    effect = np.array([row + half_sum(levers[c], (1.0, -1.0)) for row, c in zip(torques, cords, strict=True)]).T
+    pairs = [k for k, c in enumerate(cords) if c.size == 2]
+    shared = np.array([half_sum(levers[cords[k]], (1.0, 1.0)) for k in pairs]).reshape(-1, slack.size)
+    both = np.array([max(still[k].sum(), 0.0) for k in pairs])  # sum of the tensions of a pair while neither is slack
+    lowest = np.array([max(s[0], 0.0) if s.size == 1 else -np.inf for s in still])
+    weight = SLIGHT * float(np.abs(effect).max()) * np.eye(len(cords))
+    wanted = weight @ np.where(np.isfinite(lowest), lowest, 0.0)
+    acting = np.abs(shared).max(axis=1, initial=0.0) > 0.0
+    begun = product(*((0.0, 1.0, -1.0) if acts else (0.0,) for acts in acting))
+    for start in islice(begun, MOST_STARTS):
+        side = np.array(start)  # 1 or -1: only the first or second tendon of the pair is taut
+        for _ in range(SIDES):
+            slopes = effect.copy()
+            slopes[:, pairs] += (side[:, None] * shared).T
+            rows = np.concatenate([slopes, weight]), np.append(-slack - (both * (side == 0.0)) @ shared, wanted)
+            net = lsq_linear(*rows, bounds=(lowest, np.inf), tol=1e-14).x
+            before, side = side, np.where(acting & (np.abs(net[pairs]) > both), np.sign(net[pairs]), 0.0)
+            if (side == before).all():
+                break
+        yield net
 
 
 def half_sum(arms: Array, signs: tuple[float, float]) -> Array | float:
