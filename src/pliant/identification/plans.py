@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.equations.poses import Settling
 from pliant.equations.symbols import Joints, MemoryLaw
 from pliant.identification.parameters import apply, of_the_model
 from pliant.mechanics import Mechanics, mechanics_of
@@ -32,6 +33,7 @@ class ModelAt(NamedTuple):
     resting: dict[bytes, Array]  # cache of `at_rest`, by pressure
     beside: dict[tuple[str, ...], Array]  # cache of `places`, by station names
     carriers: dict[tuple[str, ...], Mechanics]  # cache of `carrying`, by station names
+    poses: dict[str, list[Settling]]  # of recordings of settled poses, by name: their equilibria, once computed
 
     def torque_before(self, pressure: Array) -> Array:
         """Return the generalised static torques (n + S,) [N m] of n joints and S strains at constant pressures (C,)
@@ -113,14 +115,16 @@ class Plans:
             points = {p.name: p for p in m.points}
             chain = mechanics_of(m)
             constants = chain.body, chain.joints, m.memory.law()
-            self.models[key] = ModelAt(m, *constants, points, {}, {}, self.parts, {}, {}, {})
+            self.models[key] = ModelAt(m, *constants, points, {}, {}, self.parts, {}, {}, {}, {})
         return self.models[key]
 
     def forget(self, most: int) -> None:
-        """Empty each cache of models, steps and torques that has more than `most` entries."""
+        """Empty each cache of models, steps and torques that has more than `most` entries; the latest model stays."""
         if len(self.models) > most:
+            key, latest = self.models.popitem()
             self.models.clear()
             self.parts.clear()
+            self.models[key] = latest
         if len(self.drives) > most:
             self.drives.clear()
             self.layouts.clear()  # drives are computed from layouts

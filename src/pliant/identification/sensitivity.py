@@ -25,6 +25,7 @@ from pliant.identification.plans import Plans
 from pliant.identification.poses import pose_slopes
 from pliant.mechanics import Mechanics, mechanics_of
 from pliant.model import Model
+from pliant.parallel import side_by_side
 from pliant.simulation.drive import Drive
 
 if TYPE_CHECKING:
@@ -184,7 +185,7 @@ def propagated(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> A
     from pliant.compiler.duals import WIDTH  # loads the compiler
 
     blocks = [slopes[first : first + WIDTH] for first in range(0, len(slopes), WIDTH)]
-    return np.concatenate([propagated_together(forward, some, rows) for some in blocks])
+    return np.concatenate(side_by_side(lambda some: propagated_together(forward, some, rows), blocks))
 
 
 def propagated_together(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> Array:
