@@ -21,7 +21,6 @@ from pliant.selection.criterion import (
 from pliant.selection.fitted import (
     TOLERANCE,
     FittedModel,
-    fitted,
     rivals_among,
     with_checked_step,
 )
@@ -243,7 +242,7 @@ class Search(RunningSearch):
                             source=f"a prior: the recordings show only {text}")  # fmt: skip
                 title = f"{name} rests on a prior of {null:.3g} +- {abs(value - null):.3g}"
             named = [p if other.name == name else other for other in self.best.parameters]
-            self.best = fitted(self.setting, self.model(), named, prior_weight=self.best.prior_weight, evaluations=0)
+            self.best = self.best.known_as(self.setting.problem(self.model(), named))
             self.score = self.scored(self.best)
             self.record(name, title, "settles")
         return len(self.steps) > count
