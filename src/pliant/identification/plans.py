@@ -116,8 +116,8 @@ class Plans:
             if body in self.bodies and body != key:
                 like = self.bodies[body]
                 m = like.model.with_(**moved_stations(like.model, dict(model_values)))
-                changed = {"model": m, "points": {p.name: p for p in m.points}, "beside": {}, "carriers": {}}
-                self.models[key] = like._replace(**changed)
+                points = {p.name: p for p in m.points}
+                self.models[key] = like._replace(model=m, points=points, beside={}, carriers={})
             else:
                 self.models[key] = self.bodies[body] = self.applied(model, dict(model_values))
         return self.models[key]
