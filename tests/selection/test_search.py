@@ -13,7 +13,7 @@ from pliant.errors import FitError, InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Model, Station, Valve, chain_model
-from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms_for
+from pliant.selection import ModelSelection, SelectionStep, Term, TriedTerm, select_model, terms_for
 from pliant.selection.criterion import parts_of
 from pliant.selection.first_model import beginning, determined, edge_limits, edge_times, scale_of
 from pliant.selection.fitted import FitSetting, fitted
@@ -223,6 +223,12 @@ def test_bad_input_is_refused():
         select_model(two(chain()), GIVEN, minutes=0.0)
     with pytest.raises(TypeError, match="stages"):
         select_model(two(chain()), GIVEN, stages=[])
+
+
+@pytest.mark.parametrize("content", [{}, {"steps": [{"name": "-lag", "title": "without lag"}]}])
+def test_stored_steps_that_do_not_say_what_they_changed_are_refused(content):
+    with pytest.raises(InputError, match="run the study again"):
+        ModelSelection.from_dict(content, None)
 
 
 def test_an_interrupt_leaves_the_best_model_so_far():
