@@ -10,10 +10,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import Barrier, get_ident
 
 import pytest
 
-from pliant.parallel import WorkerProcesses
+from pliant import parallel
+from pliant.parallel import WorkerProcesses, side_by_side
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
 SCRIPT = """
@@ -99,3 +101,49 @@ def test_an_interrupt_does_not_reach_a_worker_that_starts() -> None:
     with WorkerProcesses(1) as pool:
         assert signal.SIGINT in pool.submit(signal.pthread_sigmask, signal.SIG_BLOCK, []).result(60)
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+@pytest.fixture
+def two_cores(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(parallel, "cores", lambda: 2)
+    parallel.threads.cache_clear()
+    yield
+    parallel.threads.cache_clear()
+
+
+@pytest.mark.usefixtures("two_cores")
+def test_jobs_of_one_process_run_side_by_side_and_keep_their_order() -> None:
+    """Each of two jobs waits for the other."""
+    together = Barrier(2, timeout=30)
+
+    def work(k: int) -> tuple[int, int]:
+        together.wait()
+        return k, get_ident()
+
+    ends = side_by_side(work, [3, 1])
+    assert [k for k, _ in ends] == [3, 1]
+    assert len({thread for _, thread in ends}) == 2
+    with pytest.raises(ZeroDivisionError):
+        side_by_side(lambda k: 1 / k, [1, 0, 2])
+
+
+def test_a_single_core_computes_one_job_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parallel, "cores", lambda: 1)
+    parallel.threads.cache_clear()
+    assert side_by_side(lambda k: (k, get_ident()), [1, 2]) == [(1, get_ident()), (2, get_ident())]
+    parallel.threads.cache_clear()
+
+
+@pytest.mark.usefixtures("two_cores")
+def test_an_interrupt_ends_the_wait_for_jobs_side_by_side() -> None:
+    """As Ctrl-C does: the caller goes on at once, while the kernels end by themselves."""
+    began = time.monotonic()
+
+    def work(k: int) -> None:
+        if k == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(2.0 * k)
+
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side(work, [0, 1])
+    assert time.monotonic() - began < 1.5

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 from asyncio import CancelledError as AsyncCancelledError
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -14,8 +14,10 @@ from concurrent.futures import (
     Executor,
     Future,
     ProcessPoolExecutor,
+    ThreadPoolExecutor,
     wait,
 )
+from functools import cache
 from itertools import islice
 from multiprocessing import parent_process
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -37,6 +39,21 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def side_by_side(work: Callable[[Job], Result], jobs: Sequence[Job]) -> list[Result]:
+    """Return ``work(job)`` for each job, in their order, computed in as many threads as there are cores; in a worker
+    process, whose neighbours use the other cores, in one. It pays where most of the work is a kernel that releases
+    Python's global lock.
+    """
+    pool = threads() if len(jobs) > 1 else None
+    return [work(job) for job in jobs] if pool is None else list(pool.map(work, jobs))
+
+
+@cache
+def threads() -> ThreadPoolExecutor | None:
+    """Return the threads of this process that compute side by side; None in a worker process or on a single core."""
+    return None if parent_process() or cores() < 2 else ThreadPoolExecutor(cores())
 
 
 class Worker(SpawnProcess):

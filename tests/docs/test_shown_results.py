@@ -63,8 +63,9 @@ MADE = {
     "band": (lambda: Band(*np.zeros((3, 4, 1, 2)), np.ones((4, 1, 2)), 0.95), ["95 %", "4 frames", "500 mm"]),  # type: ignore[arg-type]
     "model_selection": (
         lambda: ModelSelection(
-            (SelectionStep("", "stiffness and damping", ("stiffness", "damping"), 0.1, {"low": 2.0}, {"low": 3.0},
-                  (TriedTerm("creep", "creep", 0.09, 0.09, 0.2, "not determined"),)),),
+            (SelectionStep("", "stiffness and damping", "begins", ("stiffness", "damping"), 0.1,
+                           {"low": 2.0}, {"low": 3.0},
+                           (TriedTerm("creep", "creep", 0.09, 0.09, 0.2, "not determined"),)),),
             (), "no term is needed", fitted(), 1.5,
         ),
         ["stiffness and damping", "3", "No term is needed.", "Not taken: creep: not determined."],

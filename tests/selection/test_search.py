@@ -13,7 +13,7 @@ from pliant.errors import FitError, InputError
 from pliant.identification import Experiment, Parameter, fit
 from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Model, Station, Valve, chain_model
-from pliant.selection import SelectionStep, Term, TriedTerm, select_model, terms_for
+from pliant.selection import ModelSelection, SelectionStep, Term, TriedTerm, select_model, terms_for
 from pliant.selection.criterion import parts_of
 from pliant.selection.first_model import beginning, determined, edge_limits, edge_times, scale_of
 from pliant.selection.fitted import FitSetting, fitted
@@ -225,6 +225,12 @@ def test_bad_input_is_refused():
         select_model(two(chain()), GIVEN, stages=[])
 
 
+@pytest.mark.parametrize("content", [{}, {"steps": [{"name": "-lag", "title": "without lag"}]}])
+def test_stored_steps_that_do_not_say_what_they_changed_are_refused(content):
+    with pytest.raises(InputError, match="run the study again"):
+        ModelSelection.from_dict(content, None)
+
+
 def test_an_interrupt_leaves_the_best_model_so_far():
     told: list[str] = []
 
@@ -314,6 +320,23 @@ def test_a_chosen_model_has_no_undetermined_parameter_without_a_prior(values, na
 
 
 @pytest.mark.slow
+def test_walls_that_stiffen_with_the_length_leave_a_model_that_does_not_need_them():
+    body = chain(extensions=(Extension(400.0, 2.0),), stations=(Station("middle", 0, 0.06), Station("tip", 1, 0.06)),
+                 chambers=(Chamber(torque=[6e-7], joint_gain=np.ones(2), axial_gain=np.array([1e-4])),))  # fmt: skip
+    setting = FitSetting(tuple(two(body)), 0.005)
+    (term,) = terms_for(body, setting.experiments, only=["wall_stiffening"])
+    listed = [Parameter(name, value) for name, value in (("stiffness", 0.5), ("damping", 3e-3), ("torque_1", 6e-7))]
+    best = fitted(setting, term.model(body), [*listed, *term.begun({}, {})], evaluations=5)
+    search = Search(setting, body, best, [term], clock.monotonic(), clock.monotonic() + 60, lambda _line: None,
+                    chosen=[term], first=listed)  # fmt: skip
+    assert search.drop_term()
+    assert search.chosen == []
+    assert search.best.free == ("stiffness", "damping", "torque_1")
+    assert not any(e.curved for e in search.best.model.extensions)
+    assert (search.steps[-1].name, search.steps[-1].change) == ("wall_stiffening", "leaves")
+
+
+@pytest.mark.slow
 def test_a_search_that_goes_on_drops_a_term_with_its_parameters(tmp_path):
     train = two(chain())
     setting, file = FitSetting(tuple(train), 0.005), SearchFile(tmp_path / "search.json", "a")
@@ -321,7 +344,7 @@ def test_a_search_that_goes_on_drops_a_term_with_its_parameters(tmp_path):
     joints = next(t for t in terms_for(GIVEN, train, only=["joints"]))
     best = fitted(setting, GIVEN, [*first[1:], *joints.begun({}, {"stiffness_1": 0.5, "stiffness_2": 0.5}),
                                    Parameter("creep_share_1", 0.01), Parameter("creep_time_1", 0.5)])  # fmt: skip
-    step = SelectionStep("creep", "creep", best.free, best.cost, {"low": 1.0}, {"low": 1.0})
+    step = SelectionStep("creep", "creep", "joins", best.free, best.cost, {"low": 1.0}, {"low": 1.0})
     file.save(["joints", "creep"], [step], best, first, 0.005, 1.0)
     found = select_model(train, GIVEN, terms=terms_for(GIVEN, train, only=["joints", "creep"]), file=file)
     assert found.terms == ()
@@ -358,7 +381,7 @@ def steps_of(names: str, scores: dict[str, float], monkeypatch, *, broken: str =
     search = object.__new__(Search)
     search.chosen, search.others, search.score, search.began, search.pace = [], [], 1.0, 0.0, 0.0
     search.allowed, search.deadline, search.best = 1e6, 1e9, fit_of("parent", 1.0)
-    search.steps = [SelectionStep("", "first", (), 1.0, {}, {})]
+    search.steps = [SelectionStep("", "first", "begins", (), 1.0, {}, {})]
     proposals = [TermProposal(Term(n, n, (), {}), {}, 0.5, 0.7 + 0.1 * k, {}, {}, sense=True)
                  for k, n in enumerate(names)]  # fmt: skip
     monkeypatch.setattr(search, "ranked", lambda *_: (proposals, []))

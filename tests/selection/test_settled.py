@@ -10,9 +10,9 @@ from scipy.integrate import solve_ivp
 
 from pliant.identification import Experiment
 from pliant.model import Chamber, Model, Station, chain_model
-from pliant.selection import select_model, terms_for
+from pliant.selection import select_model, start, terms_for
 from pliant.selection.fitted import FitSetting, fitted, tried_step, with_checked_step
-from pliant.selection.start import EXPLAINED, SETTLED, explained_at_once
+from pliant.selection.start import EXPLAINED, SETTLED, explained_at_once, fit_begun_at
 from pliant.simulation import Trace, simulate
 
 TIMES = np.arange(0.0, 12.0, 0.05)
@@ -37,6 +37,12 @@ def recorded(rng: np.random.Generator, model: Model | None = None) -> Experiment
     drives = {"left": ramps(rng), "right": ramps(rng)}
     path = simulate(model or arm(), [*drives.values()], times=TIMES, time_step=1e-3)["station_position"].values
     return Experiment("one", TIMES, path + NOISE * rng.normal(size=path.shape), ("tip",), "trace", drives=drives)
+
+
+def tilted(exp: Experiment, tilt: float) -> Experiment:
+    """The positions turned about the x axis."""
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(tilt), -np.sin(tilt)], [0.0, np.sin(tilt), np.cos(tilt)]])
+    return replace(exp, position=exp.position @ turn.T)
 
 
 def lagging(constant: float, rng: np.random.Generator) -> Experiment:
@@ -84,14 +90,59 @@ def test_settled_shapes_choose_the_terms_that_they_show(rng):
     """Recorded positions are turned about the base by 0.03 rad: the shapes show it before the motion is fitted."""
     model, tilt = arm(gravity=(0.0, 0.0, 0.0)), 0.03
     exp = recorded(rng, model)
-    turn = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(tilt), -np.sin(tilt)], [0.0, np.sin(tilt), np.cos(tilt)]])
-    train = [replace(exp, position=exp.position @ turn.T)]
+    train = [tilted(exp, tilt)]
     lines: list[str] = []
     result = select_model(train, model, terms=terms_for(model, train, only=["base", "creep"]), progress=lines.append)
     assert any(line.startswith("settled shapes, error of the base tangent") for line in lines)
     assert result.terms == ("base",)
     assert abs(result.result.values["base_tilt_x"]) == pytest.approx(tilt, rel=0.02)
     assert abs(result.result.values["base_tilt_y"]) < 0.02 * tilt
+
+
+@pytest.mark.parametrize(("moment", "terms"), [("settled shapes, stiffness", ()),
+                                               ("settled shapes, error of the base", ("base",))])  # fmt: skip
+def test_an_interrupt_while_settled_shapes_choose_leaves_the_model_so_far(rng, moment, terms):
+    lines: list[str] = []
+
+    def interrupt(line: str) -> None:
+        lines.append(line)
+        if line.startswith(moment):
+            raise KeyboardInterrupt
+
+    train, model = [tilted(recorded(rng, arm(gravity=(0.0, 0.0, 0.0))), 0.03)], arm(gravity=(0.0, 0.0, 0.0))
+    found = select_model(train, model, terms=terms_for(model, train, only=["base", "rest"]), progress=interrupt)
+    assert found.terms == terms
+    assert "interrupted" in found.reason
+    assert sum("interrupted" in line for line in lines) == 1
+    assert not found.complete
+    assert found.result.values["damping"] == pytest.approx(4e-3, rel=0.3)
+    assert found.result.values["left.gain_x"] / found.result.values["stiffness"] == pytest.approx(2.5, rel=0.15)
+
+
+def test_an_interrupt_of_the_first_fit_of_the_motion_leaves_the_settled_shapes(rng, monkeypatch):
+    started: list[int] = []
+
+    def interrupt(*args, **options):
+        started.append(1)
+        if len(started) == 1:
+            raise KeyboardInterrupt
+        return fit_begun_at(*args, **options)
+
+    monkeypatch.setattr(start, "fit_begun_at", interrupt)
+    found = select_model([recorded(rng)], arm(), terms=[])
+    assert "interrupted" in found.reason
+    assert found.result.values["damping"] == pytest.approx(4e-3, rel=0.1)
+
+
+def test_a_term_of_the_caller_is_kept_as_given_among_settled_shapes(rng):
+    """A tilt about x alone, under the name of the usual term, which tilts about y too."""
+    train, model = [tilted(recorded(rng, arm(gravity=(0.0, 0.0, 0.0))), 0.03)], arm(gravity=(0.0, 0.0, 0.0))
+    (usual,) = terms_for(model, train, only=["base"])
+    given = usual._replace(adds=usual.adds[:1], null={usual.adds[0].name: 0.0}, title="tilt about x")
+    found = select_model(train, model, terms=[given])
+    assert found.terms == ("base",)
+    assert "tilt about x" in found.reason
+    assert {p.name for p in found.result.parameters} & {"base_tilt_x", "base_tilt_y"} == {"base_tilt_x"}
 
 
 def test_a_step_that_is_too_long_for_the_motion_is_shortened_unless_it_is_stated(rng):

@@ -446,8 +446,8 @@ def test_a_forecast_comes_back_with_its_unit(outcome, columns):
 def test_a_model_selection_comes_back(outcome):
     fit = replace(outcome.fits[0], name="model_selection")
     trial = TriedTerm("creep", "creep", 0.2, 0.1, 0.3, "better")
-    steps = (SelectionStep("", "first", ("a",), 0.5, {"x": 3.0}, {"x": 4.0}, (trial,)),
-             SelectionStep("creep", "creep", ("a", "b"), 0.1, {"x": 1.0}, {"x": 2.0}))
+    steps = (SelectionStep("", "first", "begins", ("a",), 0.5, {"x": 3.0}, {"x": 4.0}, (trial,)),
+             SelectionStep("creep", "creep", "joins", ("a", "b"), 0.1, {"x": 1.0}, {"x": 2.0}))
     selection = ModelSelection(steps, ("creep",), "it wins", fit.result, 7.0)
     again = selection_of(json.loads(json.dumps(selection.to_dict())), [outcome.fits[0], fit])
     assert again == selection

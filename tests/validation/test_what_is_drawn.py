@@ -136,7 +136,7 @@ def assert_labels_inside(ax):
 def test_the_labels_of_many_terms_stay_on_the_figure(width):
     """Long names of terms, neighbours in the number of parameters; on a page and in a column."""
     title = "springs that soften or stiffen, within a bound of 0.75 of K"
-    steps = tuple(SelectionStep("creep" * (k > 0), title, ("a",) * (k + 1), 0.1, {"x": 9.0 / (k + 1)},
+    steps = tuple(SelectionStep("creep" * (k > 0), title, "joins", ("a",) * (k + 1), 0.1, {"x": 9.0 / (k + 1)},
                                 {"x": 10.0 / (k + 1)}) for k in range(12))  # fmt: skip
     with page(width):
         (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0)).axes
@@ -144,9 +144,9 @@ def test_the_labels_of_many_terms_stay_on_the_figure(width):
 
 
 def test_a_model_selection_shows_the_errors_of_each_model_and_the_choice():
-    steps = (SelectionStep("", "first", ("a",), 0.5, {"x": 9.0}, {"x": 10.0}),
-             SelectionStep("creep", "creep", ("a", "b", "c"), 0.1, {"x": 3.0}, {"x": 4.0}),
-             SelectionStep("-lag", "without lag", ("a", "b"), 0.1, {"x": 3.5}, {"x": 3.9}))
+    steps = (SelectionStep("", "first", "begins", ("a",), 0.5, {"x": 9.0}, {"x": 10.0}),
+             SelectionStep("creep", "creep", "joins", ("a", "b", "c"), 0.1, {"x": 3.0}, {"x": 4.0}),
+             SelectionStep("lag", "without lag", "leaves", ("a", "b"), 0.1, {"x": 3.5}, {"x": 3.9}))
     (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0)).axes
     lines = {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
     assert lines == {"training": [[1, 9], [3, 3], [2, 3.5]], "parts left out": [[1, 10], [3, 4], [2, 3.9]],
@@ -163,14 +163,14 @@ def test_a_model_selection_shows_the_errors_of_each_model_and_the_choice():
 
 def test_numbers_of_models_that_lie_on_each_other_share_a_place():
     errors = (("", 10.0), ("creep", 4.0), ("lag", 3.9), ("clock", 2.0))
-    steps = tuple(SelectionStep(n, n, ("a", "b"), 0.1, {"x": error}, {"x": error}) for n, error in errors)
+    steps = tuple(SelectionStep(n, n, "joins", ("a", "b"), 0.1, {"x": error}, {"x": error}) for n, error in errors)
     (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0)).axes
     assert [t.get_text() for t in ax.texts] == ["1", "2, 3", "4"]
 
 
 def test_a_parameter_that_is_held_at_the_end_has_no_number_of_its_own():
-    steps = tuple(SelectionStep(name, title, ("a", "b"), 0.1, {"x": 3.0}, {"x": error}) for name, title, error in (
-        ("", "first", 9.0), ("creep", "creep", 4.0), ("=creep_time_1", "creep_time_1 held at 2", 5.5)))
+    steps = tuple(SelectionStep("", *changed, ("a", "b"), 0.1, {"x": 3.0}, {"x": error}) for *changed, error in (
+        ("first", "begins", 9.0), ("creep", "joins", 4.0), ("creep_time_1 held at 2", "settles", 5.5)))
     (ax,) = selection_figure(ModelSelection(steps, ("creep",), "", None, 1.0)).axes
     assert [t.get_text() for t in ax.texts] == ["1", "2"]
     assert ax.figure.get_supxlabel().split("\n") == ["1  first", "2  + creep", "    creep_time_1 held at 2"]

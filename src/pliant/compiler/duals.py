@@ -83,7 +83,7 @@ def from_floats(inner: Any) -> Any:
     copy = FunctionType(_run.__code__, {"inner": inner, "_as_duals": _as_duals, "_value": _value}, _run.__name__)
     copy.__module__ = inner.__module__
     copy.__qualname__ = f"{inner.__qualname__}_whole"
-    return kept(copy, _nrt=False)
+    return kept(copy, _nrt=False, nogil=True)
 
 
 @intrinsic

@@ -59,16 +59,17 @@ def changed_chambers(
     shared = {k: v for k, v in values.items() if "." not in k and of_chamber(k)}
     if model.actuation.count > 1:
         shared = {k: v for k, v in shared.items() if not is_gain(k)}
+    stated: dict[str, dict[str, float]] = {name: {} for name in named}
+    for name, value in values.items() if named else ():
+        owner, _, parameter = name.partition(".")
+        if owner in stated and parameter:
+            stated[owner][parameter] = value
     for chamber in model.chambers:
-        chamber_values = shared
-        if named:
-            start = f"{chamber.name}."
-            stated = {k.removeprefix(start): v for k, v in values.items() if k.startswith(start)}
-            for name in stated:
-                check_effect(f"{start}{name}", name, [chamber])
-            chamber_values = {**shared, **stated}
+        chamber_values = {**shared, **stated.get(chamber.name, {})}
         key = (chamber.name, *chamber_values.items())
         if key not in cache:
+            for name in stated.get(chamber.name, ()):
+                check_effect(f"{chamber.name}.{name}", name, [chamber])
             changes = chamber_changes(chamber, chamber_values)
             cache[key] = replace(chamber, **changes) if changes else chamber
         changed.append(cache[key])

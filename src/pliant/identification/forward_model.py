@@ -86,7 +86,7 @@ def poses_problem(model_at: ModelAt, exp: Experiment, params: Mapping[str, float
     still = np.zeros(size), np.zeros(size)
     numbers = forward_numbers(model_at, exp, params, plan, still, (model.base_angle, model.base_angle))
     return ForwardProblem(numbers, plan.keep, 0, carriers(model_at, exp), model, plan.pressure, from_rest=False,
-                 poses=True, oriented=exp.framed)  # fmt: skip
+                 poses=True, settled=model_at.poses.setdefault(exp.name, []), oriented=exp.framed)  # fmt: skip
 
 
 def output_times(exp: Experiment, params: Mapping[str, float]) -> tuple[Array, tuple[Array, Array] | None]:

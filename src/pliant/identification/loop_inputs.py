@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.equations.poses import Settling
 from pliant.equations.symbols import Joints, MemoryLaw
 from pliant.model import Model
 from pliant.simulation.drive import Drive
@@ -60,6 +61,7 @@ class ForwardProblem(NamedTuple):
     between: tuple[Array, Array] | None = None  # with sensor lag: times of the rows, and the frames' indices in them
     first_seen: Array | None = None  # (S, 2) m, first positions of the markers, which are attached there at the start
     poses: bool = False  # whether each row is a settled pose, without a motion between them
+    settled: list[Settling] | None = None  # of such a recording: its equilibria, once they are computed
     oriented: Array = np.zeros(0, dtype=int)  # stations whose link frames are observed: see `observation`
 
 

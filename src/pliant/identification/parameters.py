@@ -226,6 +226,12 @@ def body_changes(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     return changes
 
 
+def is_place(name: str) -> bool:
+    """Return whether a parameter is a coordinate of a station, which moves no other part of the model."""
+    path = find_path(name)
+    return path is not None and path.part is STATION
+
+
 def moved_stations(model: Model, values: Mapping[str, float]) -> dict[str, Any]:
     """Return the model's stations at the positions in `values`, as an argument of `Model.with_`; {} if none moves."""
     if not any(paths(values, STATION)):

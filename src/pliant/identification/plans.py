@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pliant.equations.poses import Settling
 from pliant.equations.symbols import Joints, MemoryLaw
-from pliant.identification.parameters import apply, of_the_model
+from pliant.identification.parameters import apply, is_place, moved_stations, of_the_model
 from pliant.mechanics import Mechanics, mechanics_of
-from pliant.model import ActuationInput, Model, Station
+from pliant.model import Actuation, ActuationInput, Model, Station
 from pliant.simulation import equilibrium
 from pliant.simulation.chamber_course import row_of
 from pliant.simulation.drive import Drive, Layout
@@ -32,6 +33,7 @@ class ModelAt(NamedTuple):
     resting: dict[bytes, Array]  # cache of `at_rest`, by pressure
     beside: dict[tuple[str, ...], Array]  # cache of `places`, by station names
     carriers: dict[tuple[str, ...], Mechanics]  # cache of `carrying`, by station names
+    poses: dict[str, list[Settling]]  # of recordings of settled poses, by name: their equilibria, once computed
 
     def torque_before(self, pressure: Array) -> Array:
         """Return the generalised static torques (n + S,) [N m] of n joints and S strains at constant pressures (C,)
@@ -96,6 +98,7 @@ class Plans:
 
     def __init__(self) -> None:
         self.models: dict[Any, ModelAt] = {}
+        self.bodies: dict[Any, ModelAt] = {}  # by the values of all parameters but the places of markers
         self.drives: dict[Any, Drive] = {}
         self.layouts: dict[Any, Layout] = {}
         self.parts: dict[Any, Any] = {}  # chambers, their constants and hysteresis, by the values of their parameters
@@ -109,18 +112,38 @@ class Plans:
         model_values = of_the_model(values)
         key = (model_values, model.moving_base)
         if key not in self.models:
-            m = apply(model, dict(model_values), self.parts)
-            points = {p.name: p for p in m.points}
-            chain = mechanics_of(m)
-            constants = chain.body, chain.joints, m.memory.law()
-            self.models[key] = ModelAt(m, *constants, points, {}, {}, self.parts, {}, {}, {})
+            body = (tuple((name, value) for name, value in model_values if not is_place(name)), model.moving_base)
+            if body in self.bodies and body != key:
+                like = self.bodies[body]
+                m = like.model.with_(**moved_stations(like.model, dict(model_values)))
+                points = {p.name: p for p in m.points}
+                self.models[key] = like._replace(model=m, points=points, beside={}, carriers={})
+            else:
+                self.models[key] = self.bodies[body] = self.applied(model, dict(model_values))
         return self.models[key]
 
+    def applied(self, model: Model, values: dict[str, float]) -> ModelAt:
+        """Return the `model` with the parameter `values` applied."""
+        m = self.sharing_actuation(apply(model, values, self.parts))
+        chain = mechanics_of(m)
+        constants, points = (chain.body, chain.joints, m.memory.law()), {p.name: p for p in m.points}
+        return ModelAt(m, *constants, points, {}, {}, self.parts, {}, {}, {}, {})
+
+    def sharing_actuation(self, model: Model) -> Model:
+        """Return the model with the constants of all its inputs together from an earlier one with the same inputs."""
+        inputs = model.actuation
+        where = inputs.joints, inputs.segment_length, inputs.segment_joints, inputs.turns
+        key = (Actuation, *map(id, inputs.inputs), *where)
+        model.__dict__["actuation"] = self.parts.setdefault(key, inputs)
+        return model
+
     def forget(self, most: int) -> None:
-        """Empty each cache of models, steps and torques that has more than `most` entries."""
+        """Empty each cache of models, steps and torques that has more than `most` entries; the latest model stays."""
         if len(self.models) > most:
-            self.models.clear()
-            self.parts.clear()
+            key, latest = self.models.popitem()
+            for cache in (self.models, self.bodies, self.parts):
+                cache.clear()
+            self.models[key] = latest
         if len(self.drives) > most:
             self.drives.clear()
             self.layouts.clear()  # drives are computed from layouts

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pliant.compiler.choose import twin
+from pliant.compiler.choose import free_twin, twin
 from pliant.equations.poses import Settling, settle_all, show_all
 from pliant.errors import InputError, SimulationError
 from pliant.identification.drives import check_driven
@@ -19,6 +19,7 @@ from pliant.identification.observation import TINY, NumberKind, in_kind, places_
 from pliant.mechanics import mechanics_of
 from pliant.mechanics.complex_slopes import of_kind
 from pliant.mechanics.rest import settling
+from pliant.parallel import side_by_side
 from pliant.simulation.drive import Drive
 
 if TYPE_CHECKING:
@@ -55,13 +56,21 @@ COMPLEX = NumberKind(partial(of_kind, kind=complex), np.real, twin)
 
 def equilibrium_poses(forward: ForwardProblem) -> Settling:
     """Return the equilibrium shape for each row of a recording of settled poses. Each search starts from the shape
-    found for the previous row, the first one from the equilibrium without input.
+    found for the previous row, the first one from the equilibrium without input. They are computed once for a model.
 
     Raises
     ------
     SimulationError
         When a pose has no stable equilibrium.
     """
+    computed: list[Settling] = [] if forward.settled is None else forward.settled
+    if not computed:
+        computed.append(computed_poses(forward))
+    return computed[0]
+
+
+def computed_poses(forward: ForwardProblem) -> Settling:
+    """Return what `equilibrium_poses` returns, computed anew."""
     chain, numbers = mechanics_of(forward.model), in_kind(forward.numbers, COMPLEX)
     torque = commands(numbers)
     slip = numbers.memory.slip_share, numbers.memory.slip_angle
@@ -93,8 +102,10 @@ def observed_poses(forward: ForwardProblem, numbers: Numbers, poses: Settling) -
     out = np.zeros((len(poses.x), forward.carrier.size, 3), dtype=complex)
     chain = mechanics_of(forward.model)
     points = places_of(forward, numbers, COMPLEX)
-    show = twin(show_all, *chain.sizes)
-    poses = poses._replace(share=numbers.memory.slip_share, limit=numbers.memory.slip_angle)
+    show = free_twin(show_all, *chain.sizes)
+    slip, turns = (numbers.memory.slip_share, numbers.memory.slip_angle), forward.model.turns * forward.model.n
+    scratch = settling(len(poses.x) - 1, chain.size, numbers.gain.shape[1], chain.no_loads(), slip, turns)
+    poses = scratch._replace(x=poses.x, K=poses.K)
     show(commands(numbers), numbers.body, numbers.joints, chain.workspace(complex), poses, points, out)
     return out[1:]
 
@@ -116,4 +127,4 @@ def pose_slopes(forward: ForwardProblem, tilted: Sequence[Numbers]) -> Array:
     derivative with respect to this parameter.
     """
     poses = equilibrium_poses(forward)
-    return np.stack([observed_poses(forward, numbers, poses).imag / TINY for numbers in tilted])
+    return np.stack(side_by_side(lambda numbers: observed_poses(forward, numbers, poses).imag / TINY, tilted))

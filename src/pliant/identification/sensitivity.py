@@ -25,6 +25,7 @@ from pliant.identification.plans import Plans
 from pliant.identification.poses import pose_slopes
 from pliant.mechanics import Mechanics, mechanics_of
 from pliant.model import Model
+from pliant.parallel import side_by_side
 from pliant.simulation.drive import Drive
 
 if TYPE_CHECKING:
@@ -184,7 +185,7 @@ def propagated(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> A
     from pliant.compiler.duals import WIDTH  # loads the compiler
 
     blocks = [slopes[first : first + WIDTH] for first in range(0, len(slopes), WIDTH)]
-    return np.concatenate([propagated_together(forward, some, rows) for some in blocks])
+    return np.concatenate(side_by_side(lambda some: propagated_together(forward, some, rows), blocks))
 
 
 def propagated_together(forward: ForwardProblem, slopes: Sequence[Slope], rows: int) -> Array:
@@ -288,6 +289,8 @@ def with_equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Arr
 
     `stiffness` is the `rest_stiffness` of the forward problem.
     """
+    if forward.first_seen is None and not acts_at_rest(forward, slope):
+        return slope
     turned = equilibrium_slope(forward, slope, stiffness)
     if forward.first_seen is None:
         rates = from_one_row(slope.row, forward.numbers)._replace(held=turned, phi=turned)
@@ -296,6 +299,12 @@ def with_equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Arr
     phi = forward.numbers.phi + 1j * TINY * turned
     row = in_one_row(reattached(forward, tilted._replace(held=phi, phi=phi)))
     return slope._replace(row=row.imag / TINY)
+
+
+def acts_at_rest(forward: ForwardProblem, slope: Slope) -> bool:
+    """Return whether a parameter changes any entry of a simulation's inputs on which the equilibrium shape depends."""
+    rates = from_one_row(slope.row, forward.numbers)
+    return any(np.any(rate) for rate in (rates.torque_before, rates.load_before, *rates.body, *rates.joints))
 
 
 def equilibrium_slope(forward: ForwardProblem, slope: Slope, stiffness: Array) -> Array:

@@ -79,6 +79,8 @@ class SpatialChain(SpatialNaming, Mechanics):
 
     def _chords(self) -> Array:
         """Return the coefficients (R, N) [m] of squares of the coordinates in the paths of R tendons between guides."""
+        if not self.model.actuation.chords.any():
+            return np.zeros((len(self.model.actuation.chords), self.size))
         at = np.cumsum(self.length)[:-1]
         ends = 0.5 * (at[1:] + at[:-1]) if self.model.base_length else at[1:]
         bent = np.diff([0.0, *ends, self.length.sum()])  # length that each joint bends

@@ -163,6 +163,15 @@ class FittedModel:
         return Linearised(self.residual, self.jacobian, self.problem.size * (rows @ self.x - aims),
                           self.problem.size * rows)
 
+    def known_as(self, problem: Problem) -> FittedModel:
+        """Return the fit as that of a `problem` with the same values, of which some are held or have other priors:
+        residuals and derivatives stay.
+        """
+        problem.size, x = self.prior_weight, problem.start
+        jacobian = self.jacobian[:, [self.free.index(p.name) for p in problem.free]]
+        problem.latest = x.tobytes(), jacobian
+        return FittedModel(problem, x, self.residual, jacobian, self.converged)
+
     @cached_property
     def prior_weight(self) -> float:
         """Return the weight of priors that follows from the size of the residuals (see `Problem.learn_sizes`)."""

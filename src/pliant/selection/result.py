@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from pliant.display import Card, Shown
 from pliant.errors import InputError
 from pliant.identification.result import FitResult
 from pliant.plain import plain, record_of
+
+Change = Literal["begins", "joins", "leaves", "settles"]
 
 
 class TriedTerm(NamedTuple):
@@ -57,8 +59,10 @@ class SelectionStep:
     Attributes
     ----------
     name, title : str
-        Term that joined the model; with a sign before the name one that left it (-), or a parameter that is held (=);
-        '' for the first model.
+        Term that joined or left the model, or parameter that was held or got a prior; the name is '' for the first
+        model.
+    change : str
+        "begins" for the first model, "joins" and "leaves" for a term, "settles" for a parameter, while all terms stay.
     free : tuple of str
         Free parameters.
     cost : float
@@ -72,6 +76,7 @@ class SelectionStep:
 
     name: str
     title: str
+    change: Change
     free: tuple[str, ...]
     cost: float
     train: Mapping[str, float]
@@ -79,14 +84,9 @@ class SelectionStep:
     tried: tuple[TriedTerm, ...] = ()
 
     @property
-    def joins(self) -> bool:
-        """Return whether a term joined the model in this step."""
-        return bool(self.name) and self.name[0] not in "-="
-
-    @property
-    def settles(self) -> bool:
-        """Return whether a parameter was held, or got a prior, in this step, while all terms stayed."""
-        return self.name.startswith("=")
+    def sentence(self) -> str:
+        """Return the title, with a plus sign before a term that joined the model."""
+        return f"+ {self.title}" if self.change == "joins" else self.title
 
     @property
     def train_percent(self) -> float:
@@ -131,7 +131,7 @@ class ModelSelection(Shown):
 
     def card(self) -> Card:
         """Return a display card: table of the errors after each step, and of the terms that were refused last."""
-        rows = [[f"+ {s.title}" if s.joins else s.title, str(len(s.free)), f"{s.train_percent:.3g}",
+        rows = [[s.sentence, str(len(s.free)), f"{s.train_percent:.3g}",
                  f"{s.left_out_percent:.3g}"] for s in self.steps]
         lines = [self.reason[0].upper() + self.reason[1:] + "."]
         lines += [f"Not taken: {t.title}: {t.reason}." for t in self.steps[-1].tried if t.cost is not None]
@@ -146,7 +146,7 @@ class ModelSelection(Shown):
         InputError
             When an earlier version of pliant wrote it.
         """
-        if "steps" not in content:
+        if any("change" not in step for step in content.get("steps", [{}])):
             raise InputError("these results hold a model selection of an earlier version: run the study again")
         return record_of(cls, {**content, "result": result})
 

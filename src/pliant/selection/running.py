@@ -23,7 +23,7 @@ from pliant.selection.criterion import (
 )
 from pliant.selection.first_model import scale_of
 from pliant.selection.fitted import EVALUATIONS, TOLERANCE, FitSetting, FittedModel, fitted
-from pliant.selection.result import SelectionStep, TriedTerm
+from pliant.selection.result import Change, SelectionStep, TriedTerm
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
 from pliant.selection.terms import Term
@@ -73,19 +73,19 @@ class RunningSearch:
     restarts: set[frozenset[str]] = field(default_factory=set)
     first: Sequence[Parameter] = ()  # those of the first model, at its values; default: of `best`
     pace: float = 0.0  # s per evaluation of the last fit
-    interrupted: bool = False  # before the best model was recorded
+    interrupted: bool = False  # while the best model was not recorded yet
 
     def __post_init__(self) -> None:
         self.allowed = self.deadline - clock.monotonic()
         self.parts, self.first = parts_of(self.best), tuple(self.first) or tuple(self.best.parameters)
         self.score = self.scored(self.best)
         if not self.steps:
-            self.record("", ", ".join([FIRST, *(t.title for t in self.chosen)]))
+            self.record("", ", ".join([FIRST, *(t.title for t in self.chosen)]), "begins")
 
-    def model(self, *more: Term) -> Model:
-        """Return the given model with the segments that the chosen terms and `more` need."""
+    def model(self, *more: Term, without: Term | None = None) -> Model:
+        """Return the given model with the segments that the chosen terms, but one, and `more` need."""
         model = self.given
-        for term in (*self.chosen, *more):
+        for term in (*(t for t in self.chosen if t is not without), *more):
             model = term.model(model)
         return model
 
@@ -127,11 +127,11 @@ class RunningSearch:
         self.pace = (clock.monotonic() - began) / max(end.problem.evaluations, 1)
         return end
 
-    def record(self, name: str, title: str) -> None:
-        """Record the model as it is now, after the term `name` joined it or left it."""
+    def record(self, name: str, title: str, change: Change = "joins") -> None:
+        """Record the model as it is now, after the `change` of the term or parameter `name`."""
         predicted = self.predicted(self.best)
         errors = self.best.percent(self.best.residual), self.best.percent(predicted)
-        self.steps.append(SelectionStep(name, title, self.best.free, self.best.cost, *errors))
+        self.steps.append(SelectionStep(name, title, change, self.best.free, self.best.cost, *errors))
         if self.file is not None:
             self.file.save([t.name for t in self.chosen], self.steps, self.best, self.first,
                            self.setting.time_step, clock.monotonic() - self.began)
@@ -248,6 +248,10 @@ class RunningSearch:
         names = {p.name for p in term.adds}
         return any(t.needs in (term.name, *term.includes) for t in self.chosen if t.needs) or any(
             names & set(t.replaces) for t in self.chosen)
+
+    def lengthens_by(self, term: Term) -> bool:
+        """Return whether the body would keep its length without one of the chosen terms."""
+        return bool(term.segments) and not self.model(without=term).extensions
 
     def parameters_without(self, term: Term) -> list[Parameter]:
         """Return the parameters of the best model without a term, with those of the first model that it replaces."""

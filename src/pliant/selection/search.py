@@ -21,7 +21,6 @@ from pliant.selection.criterion import (
 from pliant.selection.fitted import (
     TOLERANCE,
     FittedModel,
-    fitted,
     rivals_among,
     with_checked_step,
 )
@@ -37,6 +36,7 @@ REFITS = 3  # terms that are fitted in each step, those with the best screens
 MOST_REFITS = 6  # of them while none helps: a screen underestimates terms that act nonlinearly, such as friction
 LAST_EVALUATIONS = 60
 EARLY = 0.05  # of the time left: what the alternatives of a term that has just joined may take
+INTERRUPTED = "interrupted: the best model so far is fitted and judged; press Ctrl-C again to stop at once"
 OUT_OF_TIME = "the time limit was reached: raise minutes to go on"
 NO_BETTER = "no further term lowers the squared error of left-out parts by 3 %"
 
@@ -44,14 +44,18 @@ NO_BETTER = "no further term lowers the squared error of left-out parts by 3 %"
 class Search(RunningSearch):
     """A search under way: it adds terms, begins fits anew, and drops terms until none of these helps."""
 
-    def run(self) -> ModelSelection:
-        """Add terms until none helps, drop those that are not needed, and return the selection."""
+    def run(self, *, stopped: bool = False) -> ModelSelection:
+        """Add terms until none helps, drop those that are not needed, and return the selection; of a search that was
+        `stopped` by an interrupt before, with the model as it is.
+        """
+        stop = "it was interrupted, and this is the best model so far"
         try:
-            stop = self.choose()
-            self.drop_terms()
+            if not stopped:
+                ended = self.choose()
+                self.drop_terms()
+                stop = ended
         except KeyboardInterrupt:
-            stop = "it was interrupted, and this is the best model so far"
-            self.notify("interrupted: the best model so far is fitted and judged; press Ctrl-C again to stop at once")
+            self.notify(INTERRUPTED)
         result = self.final_fit()
         names = tuple(term.name for term in self.chosen)
         rivals = rivals_among(self.others, self.score, self.best, self.setting.loss)
@@ -190,7 +194,7 @@ class Search(RunningSearch):
         a term was dropped.
         """
         last = [step.name for step in self.steps[-1:]]  # it has just been judged
-        smaller = [s for t in self.chosen if not self.needed(t) and t.name not in last and not t.segments
+        smaller = [s for t in self.chosen if not self.needed(t) and t.name not in last and not self.lengthens_by(t)
                    and not self.late and (s := self.without(t)) is not None]  # fmt: skip
         if not smaller:
             return False
@@ -198,7 +202,7 @@ class Search(RunningSearch):
         self.chosen.remove(term)
         self.dropped.add(term.name)
         self.adopt(best, score)
-        self.record(f"-{term.name}", f"without {term.title}")
+        self.record(term.name, f"without {term.title}", "leaves")
         return True
 
     def without(self, term: Term) -> tuple[float, FittedModel, Term] | None:
@@ -213,7 +217,7 @@ class Search(RunningSearch):
         if beyond:
             return None
         try:
-            end = self.refitted(self.model(), self.parameters_without(term))
+            end = self.refitted(self.model(without=term), self.parameters_without(term))
         except PliantError:
             return None
         score = self.scored(end)
@@ -238,9 +242,9 @@ class Search(RunningSearch):
                             source=f"a prior: the recordings show only {text}")  # fmt: skip
                 title = f"{name} rests on a prior of {null:.3g} +- {abs(value - null):.3g}"
             named = [p if other.name == name else other for other in self.best.parameters]
-            self.best = fitted(self.setting, self.model(), named, prior_weight=self.best.prior_weight, evaluations=0)
+            self.best = self.best.known_as(self.setting.problem(self.model(), named))
             self.score = self.scored(self.best)
-            self.record(f"={name}", title)
+            self.record(name, title, "settles")
         return len(self.steps) > count
 
     def unsettled(self) -> tuple[str, str, float | None] | None:
@@ -288,8 +292,8 @@ class Search(RunningSearch):
         names = ", ".join(t.title for t in self.chosen) or "no further term"
         first, last = self.steps[0], self.steps[-1].left_out_percent
         without = f" ({first.left_out_percent:.3g} % without these terms)" if first.title == FIRST else ""
-        there = {f"={p.name}" for p in self.best.parameters}
-        if settled := [step.title for step in self.steps if step.name in there]:
+        there = {p.name for p in self.best.parameters}
+        if settled := [step.title for step in self.steps if step.change == "settles" and step.name in there]:
             stop += f"; not determined, but needed: {', '.join(settled)}"
         return (f"{names}: left-out parts of the training recordings are predicted with {last:.3g} % of the peak "
                 f"displacement{without}; {stop}")

@@ -106,14 +106,14 @@ def select_model(
     file, state = how["file"], None if how["file"] is None else how["file"].load()
     terms = terms_for(model, train) if how["terms"] is None else how["terms"]
     if state is None:
-        setting, parent, chosen = first_model(train, model, common, terms, how, first_fits, notify)
+        setting, parent, chosen, stopped = first_model(train, model, common, terms, how, first_fits, notify)
         start = model.with_(stations=parent.model.stations)
         chosen = [t.on(start) for t in chosen]
         terms = in_order([t.on(start) for t in terms], chosen)
         best, added = determined(parent, setting), {p.name for t in chosen for p in t.adds}
         first = [p for p in best.parameters if p.name not in added]
         return Search(setting, start, best, terms, began, deadline, notify, file, chosen, stated=names,
-                      first=first).run()
+                      first=first).run(stopped=stopped)
     stated = how["time_step"] is not None
     setting = FitSetting(tuple(train), state.time_step, how["weighting"], how["loss"], stated_step=stated,
                          deadline=first_fits)  # fmt: skip
@@ -127,7 +127,7 @@ def select_model(
     notify(f"goes on from a run that was stopped: {', '.join(t.title for t in chosen) or 'no term'} so far")
     return Search(setting, start, best, terms, began - state.seconds, deadline, notify, file, chosen,
                   list(state.steps), stated=names, first=state.first,
-                  dropped={s.name[1:] for s in state.steps if s.name.startswith("-")}).run()
+                  dropped={s.name for s in state.steps if s.change == "leaves"}).run()
 
 
 def check_options(how: SearchOptions) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from pliant.errors import FitError, PliantError
 from pliant.identification.drives import findings_of_chambers
@@ -23,6 +23,7 @@ from pliant.identification.result import FitResult
 from pliant.model import Model
 from pliant.selection.first_model import Entry, beginning, edge_limits, edge_times, name_of
 from pliant.selection.fitted import TOLERANCE, FitSetting, FittedModel, fitted, frame_spacing, tried_step
+from pliant.selection.search import INTERRUPTED
 from pliant.selection.slow import (
     FRAMES,
     SlowBody,
@@ -34,10 +35,9 @@ from pliant.selection.slow import (
     slow_body,
 )
 from pliant.selection.statics import with_static_terms
-from pliant.selection.terms import Term
+from pliant.selection.terms import TERMS, Term, terms_for
 
 Notify = Callable[[str], None]
-Begun = tuple[FitSetting, FittedModel, list[Term]]
 EXPLAINED = 0.5  # of the variance of the motion that inputs of the same frames explain, for a start from settled shapes
 SETTLED = 0.8  # of it, from which settled shapes also choose terms
 STATIC_EVALUATIONS = 30
@@ -47,20 +47,29 @@ STATIC_PART = 0.4  # of the time of a search, at most, for the terms that settle
 OF_MOTION = ("damping", "axial_damping")  # parameters that settled shapes do not show
 
 
+class Begun(NamedTuple):
+    """The beginning of a search: the setting of all its fits, the first model, fitted, the terms that this has already,
+    and whether an interrupt (Ctrl-C) stopped the search before it had all of them.
+    """
+
+    setting: FitSetting
+    fit: FittedModel
+    terms: list[Term]
+    stopped: bool = False
+
+
 def first_model(
     train: Sequence[Experiment], model: Model, common: Sequence[Entry], terms: Sequence[Term], how: Mapping[str, Any],
     deadline: float, notify: Notify,
 ) -> Begun:
-    """Return the setting of all fits of a search, which stop at the `deadline`, the fitted model with which it begins,
-    and the terms that this model has already.
-    """
+    """Return the beginning of a search, whose fits stop at the `deadline`."""
     stated = how["time_step"] is not None
     setting = FitSetting(tuple(train), 0.0, how["weighting"], how["loss"], stated_step=stated, deadline=deadline)
     slow = slow_body(setting, model)
     if slow is not None:
         notify(slow.sentence)
         if begun := slow_start(slow, model, common, terms, how["time_step"], notify):
-            if together := findings_of_chambers(begun[1].free, model, train):
+            if together := findings_of_chambers(begun.fit.free, model, train):
                 notify(f"warning: {together}")
             return begun
     if begun := quick_start(setting, setting, model, common, how["time_step"], notify, terms, how["minutes"]):
@@ -78,7 +87,7 @@ def first_model(
     if step > best.time_step:
         setting = replace(setting, time_step=step)
         first = fitted(setting, first.model, first.parameters, evaluations=0)
-    return setting, first, []
+    return Begun(setting, first, [])
 
 
 def quick_start(
@@ -95,8 +104,16 @@ def quick_start(
     terms = terms if share >= SETTLED else ()
     notify(f"the inputs of each frame explain {100 * share:.0f} % of its pose: settled shapes come first")
     try:
-        still, chosen = fit_of_settled_shapes(setting, model, common, terms, STATIC_PART * 60.0 * minutes, notify)
-        return (*fit_begun_at(still, setting, model, common, time_step), chosen)
+        seconds, kept = STATIC_PART * 60.0 * minutes, replace(setting, evaluations=0)
+        still, chosen, stopped = fit_of_settled_shapes(setting, model, common, terms, seconds, notify)
+        try:
+            begun = fit_begun_at(still, kept if stopped else setting, model, common, time_step)
+        except KeyboardInterrupt:
+            if stopped:
+                raise
+            notify(INTERRUPTED)
+            stopped, begun = True, fit_begun_at(still, kept, model, common, time_step)
+        return Begun(*begun, chosen, stopped)
     except PliantError as error:
         notify(f"warning: the search does not begin with settled shapes: {error}")
         return None
@@ -109,7 +126,7 @@ def slow_start(
     """Return what `first_model` returns for a slow body; None, with a warning, if that start cannot be simulated."""
     lengthening = next((t for t in terms if t.name == "lengthening"), None)
     try:
-        return slow.first_model(model, common, lengthening, time_step)
+        return Begun(*slow.first_model(model, common, lengthening, time_step))
     except PliantError as error:
         notify(f"warning: the search does not begin with a slow body: {error}")
         return None
@@ -147,17 +164,20 @@ def explained_at_once(train: Sequence[Experiment], model: Model) -> float:
 
 def fit_of_settled_shapes(
     setting: FitSetting, model: Model, common: Sequence[Entry], terms: Sequence[Term], seconds: float, notify: Notify,
-) -> tuple[FittedModel, list[Term]]:
+) -> tuple[FittedModel, list[Term], bool]:
     """Return the fit of the first model to settled shapes of the recordings, with those of the `terms` that these show
-    within some `seconds`, and these terms.
+    within some `seconds`, these terms, and whether an interrupt ended their choice.
     """
     train = setting.experiments
     most = max(SHAPES // len(train), FRAMES) if terms else FRAMES
     shapes = replace(setting, experiments=tuple(settled(e, most=most) for e in train))
     static = [p for p in first_parameters(model, train, common) if shared_name(p.name) not in OF_MOTION]
     still = fitted(shapes, model, static, evaluations=STATIC_EVALUATIONS)
-    names, stated = {t.name for t in terms}, frozenset(map(name_of, common))
-    return with_static_terms(still, shapes, names, stated, seconds, notify) if terms else (still, [])
+    if not terms:
+        return still, [], False
+    usual, stated = terms_for(model, train, only=tuple(TERMS)), frozenset(map(name_of, common))
+    names, others = {t.name for t in terms if t in usual}, [t for t in terms if t not in usual]
+    return with_static_terms(still, shapes, names, others, stated, seconds, notify)
 
 
 def fit_begun_at(

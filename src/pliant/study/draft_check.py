@@ -150,10 +150,10 @@ def start_of_search(
     if slow := slow_body(setting, model):
         terms = terms_for(model, train, only=entry.terms, without=entry.without)
         if begun := slow_start(slow.briefly(short), model, common, terms, study.time_step, lambda _line: None):
-            return begun[1].problem, begun[1].x
+            return begun.fit.problem, begun.fit.x
     brief = replace(setting, experiments=tuple(short), evaluations=1)
     if begun := quick_start(setting, brief, model, common, study.time_step, lambda _line: None):
-        return begun[1].problem, begun[1].x
+        return begun.fit.problem, begun.fit.x
     first = beginning(model, short, common)
     problem = first_problem(short, model, first, study.time_step, entry.weighting)
     starts_of(problem, 1, np.random.default_rng(study.seed))

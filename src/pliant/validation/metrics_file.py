@@ -184,8 +184,9 @@ class TrialEntry(MetricsEntry):
 class StepEntry(MetricsEntry):
     """A model on the way of the model selection."""
 
-    name: str = Field(description="term that joined the model; after a minus sign, one that left it")
+    name: str = Field(description="term that joined or left the model, or parameter that was held or got a prior")
     title: str
+    change: Literal["begins", "joins", "leaves", "settles"]
     free: list[str]
     cost: float = Field(description="half the sum of squared residuals of the training recordings")
     train: dict[str, float] = Field(description="RMSE of training recordings, % of peak displacement")

@@ -89,12 +89,12 @@ def selection_figure(selection: ModelSelection, plain_map: float | None = None) 
         free = [len(s.free) for s in steps]
         ax.plot(free, [s.train_percent for s in steps], color="0.6", marker="o", markersize=4, label="training")
         ax.plot(free, [s.left_out_percent for s in steps], color=DARK, marker="s", markersize=4, label="parts left out")
-        models = [s for s in steps if not s.settles]
+        models = [s for s in steps if s.change != "settles"]
         errors = [max(s.train_percent, s.left_out_percent) for s in models]
         for numbers, place in numbered([len(s.free) for s in models], errors):
             ax.annotate(numbers, place, xytext=(5, 4), textcoords="offset points", fontsize=6.5)
-        names = [f"{k}  {'+ ' if s.joins else ''}{clip(s.title, 60)}" for k, s in enumerate(models, 1)]
-        names += [f"    {clip(s.title, 60)}" for s in steps if s.settles]
+        names = [f"{k}  {clip(s.sentence, 62)}" for k, s in enumerate(models, 1)]
+        names += [f"    {clip(s.title, 60)}" for s in steps if s.change == "settles"]
         figure.supxlabel("\n".join(names), x=0.02, ha="left", fontsize=6.5)
         ax.plot(free[-1], steps[-1].left_out_percent, color=DARK, marker="s", markersize=8, fillstyle="none",
                 linestyle="", label="chosen")
