@@ -25,7 +25,7 @@ MEANING = {
 
 def contact(
     recordings: Annotated[list[Path], typer.Argument(help="Aligned recordings to search; all go into one map.")],
-    model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
+    model: Annotated[Path, typer.Option("--model", help="Model file, or results folder of `pliant run`.")],
     free: Annotated[
         list[Path], typer.Option("--free", metavar="<path>", help="Recording without contact; repeat for several.")
     ],
