@@ -354,6 +354,18 @@ def schemas() -> dict[str, dict[str, Any]]:
     return {f"{name}.schema.json": kind.model_json_schema() for name, kind in made.items()}
 
 
+def mark_meanings(tree: Any) -> None:
+    """Mark tables of entries with their column of meanings, which has a line of its own on a phone."""
+    from docutils import nodes
+
+    for group in tree.findall(nodes.tgroup):
+        head = [entry.astext() for entry in next(group.findall(nodes.row)).children]
+        if "meaning" in head and len(head) in (3, 4):
+            group.parent["classes"].append("entries")
+            for line in group.findall(nodes.row):
+                line.children[head.index("meaning")]["classes"].append("meaning")
+
+
 def setup(app: Any) -> dict[str, Any]:
     """Fill pages as they are read, always anew, and write the schemas beside the site."""
 
@@ -375,6 +387,7 @@ def setup(app: Any) -> dict[str, Any]:
 
     app.connect("autodoc-process-signature", shapes)
     app.connect("source-read", read)
+    app.connect("doctree-read", lambda _app, tree: mark_meanings(tree))
     app.connect("env-get-outdated", outdated)
     app.connect("build-finished", write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -177,6 +177,8 @@ def error_by_order(
         )  # fmt: skip
     ax.set(xlabel="time (s)", ylabel="largest error (mm)")
     decades(ax)
+    if bound is not None:
+        ax.set_ylim(top=max(ax.get_ylim()[1], 2e3 * bound))  # the label of the bound fits above its line
     columns = len(drawn) if WIDTH.get() >= NARROW else 3
     ax.legend(loc="lower center", ncols=columns, bbox_to_anchor=(0.5, 1.0), columnspacing=1.2)
 

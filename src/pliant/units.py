@@ -76,11 +76,11 @@ def number_in(text: str, unit: str) -> float:
     Raises
     ------
     InputError
-        When the text is no number, or its unit is unknown or of another kind.
+        When the text is not a number, or its unit is unknown or of another kind.
     """
     match = NUMBER_WITH_UNIT.fullmatch(text)
     if match is None:
-        raise InputError(f"{shown(text.strip())} is no number in {unit}: write it as 25 or 25{unit}")
+        raise InputError(f"{shown(text.strip())} is not a number in {unit}: write it as 25 or 25{unit}")
     known = next((table for table in OF_ONE_KIND if unit.lower() in table), {unit.lower(): 1.0})
     stated = match[2].lower() or unit.lower()
     if stated not in known:

@@ -169,7 +169,7 @@ BAD: dict[str, Case] = {
     "time that runs backwards": simulate_with("positive time in seconds", "--duration", "-1"),
     "step that is too long": simulate_with("too long: the first mode rings at", "--time-step-ms", "50"),
     "unknown method": simulate_with("use midpoint, extrapolated, accurate, LSODA, BDF, Radau", "--method", "ode45"),
-    "pressure that is no number": simulate_with("level must be finite", "--level", "nan"),
+    "pressure that is not a number": simulate_with("level must be finite", "--level", "nan"),
 }
 
 

@@ -220,6 +220,17 @@ def test_a_pulse_needs_no_option(model: Path) -> None:
     assert numbers["duration_s"] == pytest.approx(4.0)
 
 
+def test_the_folder_of_a_run_names_its_model(model: Path, tmp_path: Path) -> None:
+    save_model(load_model(model), tmp_path / "model.json")
+    words = ("--level", "20", "--duration", "0.3", "--json")
+    by_file, by_folder = (invoke("simulate", path, *words) for path in (model, tmp_path))
+    assert by_folder.exit_code == 0, by_folder.output
+    assert json.loads(by_folder.stdout) == json.loads(by_file.stdout)
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert f"cannot read the model file {empty / 'model.json'}" in str(invoke("simulate", empty).exception)
+
+
 def test_a_vacuum_is_not_told_as_no_pressure(model: Path) -> None:
     numbers = json.loads(invoke("simulate", model, "--level", "-20", "--duration", "0.5", "--json").stdout)
     assert numbers["largest_pressure_kpa"] == pytest.approx(-20)

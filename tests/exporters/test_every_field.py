@@ -111,7 +111,7 @@ def with_part(model: Model, path: tuple[Any, ...], part: Any) -> Model:
 
 
 def has_features_of(model: Model, field: str) -> bool:
-    """Whether a field counts in this model: it is no number of a feature that the model does not have."""
+    """Whether a field counts in this model: it is not a number of a feature that the model does not have."""
     owning = [feature for feature in FEATURES.values() if field in feature.fields]
     return not owning or any(feature.names(model) for feature in owning)
 

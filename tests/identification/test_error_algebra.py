@@ -27,8 +27,8 @@ def test_fixing_one_parameter_leaves_the_conditional_error_of_the_other() -> Non
     )
     (sentence,) = combinations(problem, np.ones(2), found)
     alone = std[1] * np.sqrt(1 - rho**2)
-    assert f"gain to {100 * alone:.0f} % instead of 60 %" in sentence
-    assert "stiffness is known to 80 % of its size" in sentence
+    assert f"other errors would fall: gain from 60 to {100 * alone:.0f} %" in sentence
+    assert "stiffness is weakly determined (standard error 80 %)" in sentence
     assert f"gain {10 * rho * std[1] / std[0]:.1f} % higher" in sentence
 
 

@@ -93,12 +93,12 @@ def test_a_recording_brings_its_wires(rng):
     many = make_recording(TIMES, raw["position"].values + corners, further={NAME: np.tile(wires, 3)})
     with pytest.raises(InputError, match="assembling clusters would lose wire_of_tests"):
         assemble(many, {"tip": ["s000", "s001", "s002"]})
-    with pytest.raises(InputError, match=r"'girth' is no further kind of measurement \(gravity, wire_of_tests\)"):
+    with pytest.raises(InputError, match=r"'girth' is not a further kind of measurement \(gravity, wire_of_tests\)"):
         make_recording(TIMES, seen, frame="planar", further={"girth": wires})
 
 
 @pytest.mark.parametrize(("further", "reason"), [
-    ({"girth": FurtherRows(np.zeros((TIMES.size, 1)), FIXED)}, "'girth' is no further kind of measurement in 2"),
+    ({"girth": FurtherRows(np.zeros((TIMES.size, 1)), FIXED)}, "'girth' is not a further kind of measurement in 2"),
     ({NAME: FurtherRows(np.zeros((3, 1)), FIXED)}, r"values and constants of the shapes \(\(40, 1"),
     ({NAME: FurtherRows(np.zeros((TIMES.size, 1)), FIXED[:, :1])}, r"got \(40, 1\) and \(1, 1\)"),
     ({NAME: FurtherRows(np.zeros((TIMES.size, 1)), FIXED, -1.0)}, "noise levels must be positive"),

@@ -65,7 +65,7 @@ def test_a_log_that_was_appended_below_one_header_holds_more_than_that_states(tm
     ({"times": [""] * 60}, "no row with a time"),
     ({"layout": "No", "step": "inf"}, "does not state a start time X0 and a time step Delta_X above 0"),
     ({"layout": "No", "step": "0"}, "does not state a start time X0 and a time step Delta_X above 0"),
-    ({"layout": "No", "step": "fast"}, "states Delta_X = 'fast' for channel 1, which is no number"),
+    ({"layout": "No", "step": "fast"}, "states Delta_X = 'fast' for channel 1, which is not a number"),
     ({"samples": "sixty"}, "states Samples = 'sixty'"),
     ({"layout": "Some"}, "states X_Columns = 'Some', which is not one of One, Multi, No"),
     ({"Decimal_Separator": ";"}, "states Decimal_Separator = ';'"),

@@ -97,7 +97,7 @@ def test_dates_and_times_of_day(tmp_path, begin, form, remark):
 
 def test_a_date_that_is_none_is_refused(tmp_path):
     rows = [["2026-13-45 10:00:00.0", *row[1:]] for row in cells()]
-    with pytest.raises(InputError, match=r"a\.csv: '2026-13-45' in the column of time is no date"):
+    with pytest.raises(InputError, match=r"a\.csv: '2026-13-45' in the column of time is not a date"):
         read(written(tmp_path, text(rows, ["time", *HEAD[1:]])))
 
 

@@ -345,7 +345,7 @@ def test_poses_of_seven_numbers_and_nanoseconds_in_npz(tmp_path):
         np.testing.assert_allclose(ds["position"].values[:, 0], TIP)
         assert "orientations of tip in a.npz were left out" in ds.attrs["history"]
     np.savez(tmp_path / "b.npz", t=TIMES, tip_pose=np.column_stack([TURN, TIP]), p_kpa=KPA)
-    with pytest.raises(InputError, match="array of station tip has 7 columns, whose last four are no quaternions"):
+    with pytest.raises(InputError, match="array of station tip has 7 columns, whose last four are not quaternions"):
         read(tmp_path / "b.npz", mapping={"position": {"tip": "tip_pose"}})
     np.savez(tmp_path / "c.npz", t=TIMES[:7], tip=TIP[:7].T, p_kpa=KPA[:7])  # seven frames
     ds = read(tmp_path / "c.npz", mapping={"position": {"tip": "tip"}})

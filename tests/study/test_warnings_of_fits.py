@@ -26,7 +26,7 @@ def test_a_warning_about_fits_of_the_same_name_stays_in_the_headline(outcome):
 
 
 def test_weakly_determined_parameters_of_a_chosen_model_are_in_the_full_verdict_alone(outcome):
-    note = "creep_time_1 is known to 54 % of its size only: fix creep_time_1."
+    note = "creep_time_1 is weakly determined (standard error 54 %): fix creep_time_1."
     first = replace(outcome.fits[0], records=outcome.fits[0].records[:1])
     first = replace(first, result=replace(first.result, notes=(note,)))
     stated = replace(outcome, fits=(first,))

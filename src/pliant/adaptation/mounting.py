@@ -69,7 +69,7 @@ def width_of(name: str, model: Model) -> float:
     """Return the standard deviation (SI) of the prior of a mounting parameter, such as ``base_tilt_x``."""
     path = find_path(name)
     if path is None or path.stem not in MOUNTING:
-        raise KeyError(f"{name} is no parameter of the mounting")
+        raise KeyError(f"{name} is not a parameter of the mounting")
     row = MOUNTING[path.stem]
     taut = [abs(c.value_of("pretension")) for c in model.chambers]
     size = {"SI": 1.0, "length": model.length, "mass": float(model.link_mass.sum()), "joints": model.n**-0.5,

@@ -25,7 +25,7 @@ MEANING = {
 
 def contact(
     recordings: Annotated[list[Path], typer.Argument(help="Aligned recordings to search; all go into one map.")],
-    model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
+    model: Annotated[Path, typer.Option("--model", help="Model file, or results folder of `pliant run`.")],
     free: Annotated[
         list[Path], typer.Option("--free", metavar="<path>", help="Recording without contact; repeat for several.")
     ],
@@ -38,7 +38,7 @@ def contact(
     latency_ms: Annotated[float, typer.Option("--latency-ms", parser=in_unit("ms"),
                                               help="Delay of the shape's time stamps, ms.")] = 0.0,
     half_width_mm: Annotated[float, typer.Option("--half-width-mm", parser=in_unit("mm"),
-                                                 help="Centreline to surface, mm.")] = 0.0,
+                                                 help="Distance of the body's surface from its centreline, mm.")] = 0.0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Contacts of the first file (.nc).")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of test statistic, position and force.")] = None,
     chart: Annotated[Path | None, typer.Option("--map", help="Map of all contacts (.nc, .csv or .png).")] = None,

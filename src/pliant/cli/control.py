@@ -45,7 +45,7 @@ def print_task(wanted: bool) -> None:
 
 
 def control(
-    model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
+    model: Annotated[Path, typer.Option("--model", help="Model file, or results folder of `pliant run`.")],
     task: Annotated[
         Path | None, typer.Option("--task", help="Task (.toml): set-points and limits.", show_default="the example")
     ] = None,

@@ -46,7 +46,7 @@ MEANING = {
 
 def estimate(
     recording: Annotated[Path, typer.Argument(help="Aligned recording.")],
-    model: Annotated[Path, typer.Option("--model", help="Model file, as `pliant run` writes it.")],
+    model: Annotated[Path, typer.Option("--model", help="Model file, or results folder of `pliant run`.")],
     disturbance: Annotated[bool, typer.Option(help="Also estimate an unknown torque on each joint.")] = True,
     level: Annotated[
         str | None, typer.Option(help=f"Commanded pulse, {LEVELS}. Default: the measured inputs.")

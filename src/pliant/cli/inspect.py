@@ -78,7 +78,7 @@ def next_step(ds: xr.Dataset, path: Path, mapping: list[str] | None) -> str:
 
     shape = "" if shape_variable(ds) else " RECORDING"
     study = "STUDY.toml" if shape else f"{path.stem}.toml"
-    log = "" if {"pressure", "actuation"} & set(ds) else " [LOG]"
+    log = "" if {"pressure", "actuation"} & set(ds) else " PRESSURE_LOG"
     columns = "".join(f" --mapping {entry}" for entry in mapping or ())
     return f"pliant new {study} --from{shape} {path}{log}{columns}"
 

@@ -118,7 +118,7 @@ def levels(model: Model, text: str) -> list[float]:
 
 def number(text: str, unit: str) -> float:
     """Return the value in an SI `unit` of a text such as "30", a number in the unit that plots use, or "30kPa". A text
-    that is no number raises InputError.
+    that is not a number raises InputError.
     """
     factor, display_unit = shown_in(unit)
     try:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    model: Annotated[Path, typer.Argument(help="Model file, as `pliant run` writes it.")],
+    model: Annotated[Path, typer.Argument(help="Model file, or results folder of `pliant run`.")],
     level: Annotated[
         str | None, typer.Option(help=f"Level of a pulse, {LEVELS}.", show_default="bends the body by 0.5 rad")
     ] = None,

@@ -48,7 +48,7 @@ class ModelPlant:
     Raises
     ------
     InputError
-        When the period is no whole number of steps, or a valve has a slow settling part, dead band or opening time.
+        When the period is not a whole number of steps, or a valve has a slow settling part, dead band or opening time.
     """
 
     rides = True  # the points are material points, fixed to the links
@@ -62,8 +62,8 @@ class ModelPlant:
         self._parts = round(period / time_step)
         if self._parts < 1 or abs(self._parts * time_step - period) > 1e-9:
             raise InputError(
-                f"the period of {period:g} s is no whole number of time steps of {time_step:g} s: choose a multiple of "
-                "time_step"
+                f"the period of {period:g} s is not a whole number of time steps of {time_step:g} s: choose a multiple "
+                "of time_step"
             )
         self.period, self.time, self._time_step = period, 0.0, time_step
         bare = [

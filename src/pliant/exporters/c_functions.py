@@ -274,8 +274,8 @@ class Text:
         return self.function("void", "update", f"{self.prefix}_parameters *p", w)
 
     def curved_spring(self, w: CWriter, k: int, i: int, kind: str = "") -> None:
-        """Write C code that sets the nonlinear spring terms of joint k, whose angle is the coordinate with the index i.
-        With `kind` "axial_" they are those of segment k, whose strain is this coordinate.
+        """Write C code that sets the nonlinear spring terms of joint k, whose angle is coordinate i; with `kind`
+        "axial_" those of segment k, whose strain is coordinate i.
 
         The terms are those of `Springs.hardening`.
         """

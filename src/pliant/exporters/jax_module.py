@@ -256,7 +256,7 @@ def write(model: Model, provenance: Provenance, path: Path, options: Mapping[str
     """
     if not path.stem.isidentifier() or iskeyword(path.stem) or path.stem in IMPORTED:
         raise InputError(f"{path.name} cannot be imported as a Python module: use a name of letters, digits and "
-                         f"underscores that is no word of Python, nor {', '.join(IMPORTED)}")  # fmt: skip
+                         f"underscores that is not a keyword of Python, nor {', '.join(IMPORTED)}")  # fmt: skip
     return (write_text(path, code(model, provenance)),)
 
 

@@ -128,8 +128,9 @@ def given(form: Array, known: Array) -> Array:
 
 
 def coherent_energy(observed: Observations, residual: Array) -> float:
-    """Return the sum of squares of a residual (N,) of one recording that noise does not explain and that channels have
-    in common: the fraction is the mean squared correlation between channels, less that of independent ones.
+    """Return the part of a residual's sum of squares that noise does not explain and that the channels share.
+
+    The residual (N,) is that of one recording; `coherence` gives the fraction that its channels share.
     """
     energy = float(residual @ residual)
     if energy <= 0.0:

@@ -158,7 +158,7 @@ def check_further(exp: Any) -> None:
     for name, rows in exp.further.items():
         counts = KINDS[FURTHER[name]].constants if name in FURTHER else {}
         if exp.dimension not in counts:
-            raise InputError(f"experiment {exp.name}: {name!r} is no further kind of measurement in {exp.dimension} "
+            raise InputError(f"experiment {exp.name}: {name!r} is not a further kind of measurement in {exp.dimension} "
                              f"dimensions ({', '.join(FURTHER) or 'there is none'}): leave it out")
         width = len(kinds_of(name, exp.dimension))
         shape = exp.position.shape[:2] if width == 1 else (*exp.position.shape[:2], width)

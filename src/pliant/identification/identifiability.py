@@ -277,17 +277,16 @@ def combinations(problem: Problem, x: Array, found: Covariance) -> list[str]:
         return findings + common_scale(problem, x, found)
     alone = np.sqrt(np.maximum(np.diag(C) - C[:, worst] ** 2 / C[worst, worst], 0.0))
     others = [i for i in np.flatnonzero((rel > 0.1) & (alone < 0.8 * rel)) if i != worst]
+    weak = f"{names[worst]} is weakly determined (standard error {100 * rel[worst]:.0f} %)"
     if not others:
-        share = f"{100 * rel[worst]:.0f} % of its size"
-        return [*findings, f"{names[worst]} is known to {share} only: {cure((names[worst],))}."]
+        return [*findings, f"{weak}: {cure((names[worst],))}."]
     move = 10 * C[:, worst] / C[worst, worst]
     along = join_words([f"{names[i]} {abs(move[i]):.1f} % {'higher' if move[i] > 0 else 'lower'}" for i in others])
-    gain = join_words([f"{names[i]} to {100 * alone[i]:.0f} % instead of {100 * rel[i]:.0f} %" for i in others])
+    gain = join_words([f"{names[i]} from {100 * rel[i]:.0f} to {100 * alone[i]:.0f} %" for i in others])
     listed = (*(names[i] for i in others), names[worst])
     return [*findings, (
         f"{join_words(listed)} make up for each other: {names[worst]} 10 % higher with {along} follows the recordings "
-        f"as well. {names[worst]} is known to {100 * rel[worst]:.0f} % of its size; were it fixed, {gain} would be "
-        "known."
+        f"as well. {weak}; if it were held constant, other errors would fall: {gain}."
     )]
 
 

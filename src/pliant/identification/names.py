@@ -137,7 +137,8 @@ class ParameterPath:
         quantity = self.declared.quantity
         if not self.of_one_joint:
             return quantity
-        return replace(quantity, meaning=quantity.meaning.replace("every joint", "one joint, * each"))
+        which = "one joint" if self.number else "each joint"
+        return replace(quantity, meaning=quantity.meaning.replace("every joint", which))
 
 
 @cache

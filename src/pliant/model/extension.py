@@ -76,7 +76,7 @@ class Extension:
     stiffening: Annotated[float | None, axial_term("stiffening")] = None
     cubic_stiffening: Annotated[float | None, axial_term("cubic_stiffening")] = None
     stiffening_bound: Annotated[float | None, Quantity(
-        "1", "f of them: what s does to the slope at most, in parts of EA", least=1e-3, most=1.0,
+        "1", "f of these springs: largest change of the slope by s, as a fraction of EA", least=1e-3, most=1.0,
         zero=True, lower=1e-3, upper=0.99, scale=0.2, start=0.75)] = None
     stiffens_bending: bool = False
 

@@ -209,7 +209,7 @@ def load_model(path: str | Path) -> Model:
     Parameters
     ----------
     path : str or Path
-        A JSON file written by `save_model` or `pliant run`.
+        A JSON file written by `save_model`, or the results folder of `pliant run`, which holds a `model.json`.
 
     Raises
     ------
@@ -227,9 +227,11 @@ def load_model(path: str | Path) -> Model:
     ...     pliant.load_model(path) == chen2018.model()
     True
     """
-    text = content_of(path, "model file")
-    refuse_other(Path(path), MODEL)
-    return read_model(text, f"model file {path}")
+    path = Path(path)
+    file = path / "model.json" if path.is_dir() else path
+    text = content_of(file, "model file")
+    refuse_other(file, MODEL)
+    return read_model(text, f"model file {file}")
 
 
 def model_of(value: Model | str | Path) -> Model:

@@ -100,7 +100,7 @@ class ModelParameters(Shown):
     stiffening: Annotated[Array, spring_term("stiffening")] = NONE
     cubic_stiffening: Annotated[Array, spring_term("cubic_stiffening")] = NONE
     stiffening_bound: Annotated[Array, Quantity(
-        "1", "f of the same springs: what s does to their slope at most, in parts of K", per="joint",
+        "1", "f of these springs: largest change of the slope by s, as a fraction of K", per="joint",
         sign="not negative", least=1e-3, most=1.0, zero=True, lower=1e-3, upper=0.99, scale=0.2,
         start=0.75)] = NONE
     mass_at: str = "rod"

@@ -75,7 +75,7 @@ class Space:
             quantity, value = quantities(Space)[name], getattr(self, name)
             if not 0 <= value < quantity.most or (value == 0 and quantity.sign == "positive"):
                 unit = "" if quantity.unit == "1" else f" {quantity.unit}"
-                raise InputError(f"space {name} must be 0 to {quantity.most:g}{unit}, got {value}")
+                raise InputError(f"{name} of space must be 0 to {quantity.most:g}{unit}, got {value}")
         if self.twist_ratio and not self.radius:
             raise InputError(
                 "space: a chain that twists needs a radius [m], because a thin rod has no inertia about its axis: set "

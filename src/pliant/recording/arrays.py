@@ -193,8 +193,8 @@ def are_quaternions(rows: NDArray) -> bool:
 def _place(pose: NDArray, station: str, file: str) -> NDArray:
     """Return the positions (T, 3) of poses (T, 7) whose last four numbers are quaternions; refuse others."""
     if not are_quaternions(pose[np.isfinite(pose).all(axis=1), 3:]):
-        raise InputError(f"{file}: the array of station {station} has 7 columns, whose last four are no quaternions of "
-                         "norm 1: store x, y, z first, or name arrays of positions alone")
+        raise InputError(f"{file}: the array of station {station} has 7 columns, whose last four are not quaternions "
+                         "of norm 1: store x, y, z first, or name arrays of positions alone")
     return pose[:, :3]
 
 

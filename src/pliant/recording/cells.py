@@ -175,7 +175,7 @@ def order_of_dates(clock: Sequence[str], name: str) -> tuple[str, str]:
     spans = {order: max(known) - min(known) for order, all_days in days.items()
              if len(known := [day for day in all_days if day is not None]) == len(all_days)}  # fmt: skip
     if not spans:
-        raise InputError(f"{name}: {clipped(dates[0], 40)!r} in the column of time is no date: write year-month-day")
+        raise InputError(f"{name}: {clipped(dates[0], 40)!r} in the column of time is not a date: write year-month-day")
     best = min(spans, key=lambda order: spans[order])
     others = [order for order in spans if order != best]
     return best, f" ({best}; {others[0]} would be possible too)" if others and spans[best] != spans[others[0]] else ""
@@ -204,7 +204,7 @@ def seconds(cell: str, name: str, order: str) -> float:
     whole, _, fraction = re.sub("[,:]", ".", match["second"]).partition(".")
     day = day_of(match["date"], order) if order else 0
     if day is None:
-        raise InputError(f"{name}: {clipped(cell, 40)!r} in the column of time is no date: write {order}")
+        raise InputError(f"{name}: {clipped(cell, 40)!r} in the column of time is not a date: write {order}")
     return DAY * day + 3600 * hour + 60 * int(match["minute"]) + float(f"{whole}.{fraction or 0}")
 
 

@@ -94,8 +94,8 @@ def unpacked(name: str, values: NDArray, attributes: Mapping[str, Any], file: st
                            np.float64).ravel() for key in used if key in EMPTY]  # fmt: skip
         scale, zero = (float(attributes.get(key, default)) for key, default in zip(PACKED, (1.0, 0.0), strict=True))
     except (TypeError, ValueError):
-        raise InputError(f"the array {name} of {file} has an attribute {', '.join(used)} that is no number: store its "
-                         "values as floating-point numbers without it") from None
+        raise InputError(f"the array {name} of {file} has an attribute {', '.join(used)} that is not a number: store "
+                         "its values as floating-point numbers without it") from None
     plain = values.astype(np.float64)
     empty = np.isin(plain, np.concatenate(gaps)) if gaps else np.zeros(plain.shape, bool)
     said = f"{name} is stored value * {scale:g} + {zero:g}, with {int(empty.sum())} gap(s), by its attributes"

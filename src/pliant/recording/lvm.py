@@ -52,7 +52,7 @@ class LvmLayout(NamedTuple):
             return float(values[channel].replace(",", "."))
         except ValueError:
             raise InputError(f"the header of {self.file} states {key} = {clipped(values[channel], 40)!r} for channel "
-                             f"{channel + 1}, which is no number: export it again") from None
+                             f"{channel + 1}, which is not a number: export it again") from None
 
     def begin(self, channel: int) -> datetime | None:
         """Return the date and time from which the times of a channel count; None where they are not stated."""
@@ -197,8 +197,8 @@ def _statements(layout: LvmLayout, channel: int, name: str, time: NDArray[np.flo
     """
     texts = layout.about.get("Samples", [])[channel : channel + 1]
     if texts and texts[0] and whole_number(texts[0]) is None:
-        raise InputError(f"the header of {layout.file} states Samples = {clipped(texts[0], 40)!r}, which is no number: "
-                         "export it again")
+        raise InputError(f"the header of {layout.file} states Samples = {clipped(texts[0], 40)!r}, which is not a "
+                         "number: export it again")
     what = f"samples of {clipped(name, 40)}"
     counts = [Stated(what, "Samples of its header", float(t), len(time), "at least") for t in texts if t]
     step = layout.number("Delta_X", channel, np.nan)

@@ -143,7 +143,7 @@ def make_recording(
     if time is not None:
         coords["time"] = _floats("time", time, 1)
     if strange := [name for name in further or () if name.removesuffix(CONSTANTS) not in FURTHER]:
-        raise InputError(f"{strange[0]!r} is no further kind of measurement ({', '.join(FURTHER) or 'there is none'}): "
+        raise InputError(f"{strange[0]!r} is not a further kind of measurement ({', '.join(FURTHER) or 'none'}): "
                          "leave it out")  # fmt: skip
     refused: dict[str, dict[str, int]] = {}
     for name, value in {"position": position, "angle": angle, **(further or {})}.items():

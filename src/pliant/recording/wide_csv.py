@@ -311,7 +311,7 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
 
 
 def remedy(unread: list[str], file: str) -> str:
-    """Return how to read a pressure from the columns that were not read, for a message."""
+    """Return the advice of a message on how to read a pressure from the columns that were not read."""
     bare = [f"state pressure_unit in its mapping for {shown(name)}" for name in unitless_pressures(unread)]
     unit = next(filter(None, (unit_of(name, PASCAL) for name in unread)), "kPa")
     hint = f"its columns are {shorten(unread, 12)}" if len(unread) > FEW else (

@@ -45,8 +45,9 @@ def expanded(content: Any) -> Any:
 def refuse_stages(entry: Mapping[str, Any]) -> None:
     """Raise InputError for entries of earlier versions, whose stages held-out recordings chose."""
     if old := [key for key in ("choose_by", "stages", "starts") if key in entry]:
-        raise InputError(f"[model_selection] has {old[0]}, which is no entry any more, because the training recordings "
-                         "choose the terms: remove it, and name terms in `terms` or `without` to restrict the choice")
+        raise InputError(f"[model_selection] has {old[0]}, which is no longer an entry, because the training "
+                         "recordings choose the terms: remove it, and name terms in `terms` or `without` to restrict "
+                         "the choice")  # fmt: skip
 
 
 def tables(content: Any) -> bool:

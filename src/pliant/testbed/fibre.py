@@ -36,8 +36,8 @@ class FibreSensor:
     gain_error: float = 0.004  # *
     twist: float = 0.03  # rad, * roll at the end of the fibre, a random walk
     out_of_plane: float = 1.5e-3  # m, * at the tip
-    misalignment: float = 0.009  # rad, * each axis, of the sensor's frame
-    displacement: float = 0.5e-3  # m, * each axis, of the sensor's frame
+    misalignment: float = 0.009  # rad, * about each axis, of the sensor's frame
+    displacement: float = 0.5e-3  # m, * along each axis, of the sensor's frame
     jitter: float = 2.0e-4  # s, of the time stamps
     drop_out: float = 0.004  # probability that a frame starts a drop-out
     drop_out_length: float = 1.5  # frames, mean

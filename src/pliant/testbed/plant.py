@@ -80,7 +80,7 @@ class Plant:
         self._substeps = round(self.period / time_step)
         if self._substeps < 1 or abs(self._substeps * time_step - self.period) > 1e-9:
             raise InputError(
-                f"the frame period of {self.period:g} s is no whole number of steps of {time_step:g} s: change rate "
+                f"the frame period of {self.period:g} s is not a whole number of steps of {time_step:g} s: change rate "
                 "or time_step"
             )
         self._time_step = time_step

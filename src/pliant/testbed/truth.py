@@ -111,6 +111,6 @@ def read_truth(path: Path) -> xr.Dataset:
     except InputError as error:
         raise InputError(f"cannot read the file of true motion {path}: {error}") from None
     if str(schema := loaded.attrs.get("schema")) != SCHEMA:
-        raise InputError(f"{path} is no file of true motion: its schema is {shown(schema)}, not {SCHEMA!r}; name a "
+        raise InputError(f"{path} is not a file of true motion: its schema is {shown(schema)}, not {SCHEMA!r}; name a "
                          "file of write_truth")
     return loaded

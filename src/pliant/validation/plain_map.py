@@ -278,7 +278,7 @@ class TrainingData(NamedTuple):
 
 
 def training_data(experiments: Sequence[Experiment], table: InputTable) -> TrainingData:
-    """Return the thinned frames of the training experiments with their inputs behind all lags of the grid."""
+    """Return the thinned frames of the training experiments, and their inputs filtered by each lag of `lag_grid`."""
     grid = lag_grid(experiments) if table.names else ()
     stations = tuple(dict.fromkeys(s for e in experiments for s in e.stations))
     every = -(-sum(e.time.size for e in experiments) // MOST_ROWS)

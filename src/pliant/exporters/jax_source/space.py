@@ -181,7 +181,7 @@ def jacobians(c, posed):
 def inertia(c, posed, quarter):
     """Return the inertia (N, N) plus `quarter` [s^2] times the stiffness by gravity.
 
-    Between the two coordinates of a swing the stiffness is the mean of both orders.
+    The stiffness that couples the two bending coordinates of a joint is made symmetric by its mean with its transpose.
     """
     rows, S = posed["rows"], posed["S"]
     M = (rows.T * posed["weight"]) @ rows

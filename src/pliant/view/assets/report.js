@@ -338,7 +338,7 @@
   });
   for (const name of ["pointerup", "pointercancel"]) body.canvas.addEventListener(name, () => { dragged = null; });
 
-  const repaint = () => { all.forEach((u) => u.redraw(false)); body.draw(); };
+  const repaint = () => { all.forEach((u) => u.redraw(false, true)); body.draw(); };
   const fit = () => { // to the widths that the page has now: a printed page is laid out after the last chance to draw
     for (const u of all) {
       const width = u.root.parentElement.clientWidth;
