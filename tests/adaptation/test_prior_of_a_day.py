@@ -284,12 +284,25 @@ def test_errors_that_the_earlier_mounting_cannot_make_are_a_new_one_although_no_
         assert verdict_of(day, rows, errors, phrase, BodyChange())[0] == ("re-mounted" if much else "same arm")
 
 
+@pytest.mark.parametrize("form", [0.0, 1.5])
+def test_a_mounting_that_moves_farther_than_its_priors_and_errors_of_form_allow_is_none(form):
+    names, std = tuple(f"base_{axis}" for axis in "xyz"), 0.03
+    spread = SimpleNamespace(names=names, form=form * std**2 * np.eye(3) if form else None)
+    day = SimpleNamespace(covariance=spread)
+    limit = np.sqrt((1.0 + form) * (3.0 + 8.0 * 6.0**0.5) / 3.0)  # of each of three moves
+    for away in (0.99, -0.99, 1.01, -1.01):
+        rows = [Move(n, "mounting", "m", 0.0, std * limit * away, None, std, 0.01, None) for n in names]
+        assert adapting.no_mounting(rows, day) == (abs(away) > 1.0)
+    assert not adapting.no_mounting([], day)
+
+
 def test_odds_that_favour_another_arm_are_its_verdict():
     day, errors = result({"stiffness": 1.0}), (DayError("day", "fitted", 9e-3, 1e-3, 0.1),)
-    for odds, expected in ((2.0, "another arm"), (-2.0, "re-mounted")):
+    for odds, expected in ((np.inf, "another arm"), (2.0, "another arm"), (-2.0, "re-mounted")):
         verdict, sentence = verdict_of(day, (), errors, "base_angle", BodyChange((), odds, 3))
         assert verdict == expected
         assert ("Identify it anew" in sentence) == (odds > 0.0)
+        assert ("farther than mountings do" in sentence) == np.isinf(odds)
 
 
 @pytest.mark.parametrize(("usual", "refuted"), [(2e-3, False), (5e-4, True)])

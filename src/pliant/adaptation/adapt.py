@@ -33,6 +33,7 @@ MOST_JOINTS = 6  # of a chain whose joints are judged one by one
 SEEN = 0.25  # of the prior's variance left, below which the recordings determine a direction of the mounting
 PLAIN = 1.15  # error before over error after: a smaller gain is no new mounting, whatever the statistics say
 CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
+NO_MOUNTING = 8.0  # likewise, of its moves against its wide priors: a larger distance is that of no mounting
 TOO_CLOSE = 0.5  # of the earlier error: a smaller one means that the mounting took up errors of the model
 WORSE_REST = 1.05  # of the error on the rest of the day: a larger one above the usual refutes a change of the body
 SURPRISING = 2.5  # of the error expected of the earlier model in the earlier mounting: a larger one is no chance
@@ -286,6 +287,8 @@ def judged(
         errors.append(DayError(exp.name, "fitted" if exp in day.fitted else "judged", before, after, travel))
     change = change._replace(names=released_names(posterior, change.names))
     mounting = mounting_moved(moves, result, surprising=surprising(errors, how["usual"] or 0.0))
+    if no_mounting(moves, result):
+        change = change._replace(another=np.inf)
     verdict, sentence = verdict_of(old, moves, errors, mounting, None if how["kind"] else change)
     return Adaptation(verdict, sentence, change.names, moves, tuple(errors), day.seconds, result)
 
@@ -322,6 +325,21 @@ def mounting_moved(moves: Sequence[Move], result: FitResult, *, surprising: bool
     return f"the mounting as a whole, most of all {largest}, which make up for each other,"
 
 
+def no_mounting(moves: Sequence[Move], result: FitResult) -> bool:
+    """Return whether the mounting moved farther than its wide priors and the errors of the model's form explain."""
+    mine = [m for m in moves if m.belongs == "mounting" and m.name != COMMON]
+    covariance = result.covariance
+    if not mine or covariance is None:
+        return False
+    std = np.array([m.prior_std for m in mine])
+    spread = np.eye(len(mine))
+    if covariance.form is not None:
+        index = [covariance.names.index(m.name) for m in mine]
+        spread += covariance.form[np.ix_(index, index)] / np.outer(std, std)
+    away = np.array([m.after - m.before for m in mine]) / std
+    return bool(away @ np.linalg.solve(spread, away) > len(mine) + NO_MOUNTING * np.sqrt(2.0 * len(mine)))
+
+
 def moved_together(mine: Sequence[Move], result: FitResult) -> bool:
     """Return whether some parameters of the mounting moved together by more than the covariance of the fit explains."""
     covariance = result.covariance
@@ -348,8 +366,11 @@ def verdict_of(
     if change is None and not lost:
         return "another of the kind", "Another robot of the kind: its body is fitted within the spread of the kind."
     if change is None or lost or change.another > 0.0:
-        reason = (f"its error on the fitted seconds stays at {100 * fitted:.2g} % of the peak displacement" if lost else
-                  "a few parameters of the body do not explain what changed")  # fmt: skip
+        reason = "a few parameters of the body do not explain what changed"
+        if lost or change is None:
+            reason = f"its error on the fitted seconds stays at {100 * fitted:.2g} % of the peak displacement"
+        elif np.isinf(change.another):
+            reason = "its mounting would have to move farther than mountings do"
         return "another arm", f"Another arm: {reason}. Identify it anew, from these start values."
     if change.names:
         listed = join_words([c.sentence for c in change.changes])

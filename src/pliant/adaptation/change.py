@@ -53,7 +53,8 @@ class BodyChange(NamedTuple):
     names : tuple of str
         Parameters that changed; "stiffness" for that of every joint.
     another : float
-        Logarithm of the odds of another arm, whose parameters all differ, to an arm in which only `names` changed.
+        Logarithm of the odds of another arm, whose parameters all differ, to an arm in which only `names` changed;
+        minus infinity if none did.
     compared : int
         Number of earlier recordings with which the change was compared; -1 if nothing called for it.
     changes : tuple of Change
@@ -124,6 +125,8 @@ def body_change(
     else:
         far = np.abs(move) > FAR * np.sqrt(np.diag(doubt))
         changed = tuple(n for n, f in zip(names, far, strict=True) if f)
+    if not changed:
+        return BodyChange(compared=len(moves))
     odds = odds_of_another(move, doubt, [directions[n] for n in changed], posterior)
     return BodyChange(changed, odds, len(moves), changes_of(posterior, changed, move, doubt))
 
