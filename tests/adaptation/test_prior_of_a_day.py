@@ -276,10 +276,10 @@ def test_errors_that_the_earlier_mounting_cannot_make_are_a_new_one_although_no_
     day = result({"stiffness": 1.0})
     rows = [Move(n, "mounting", "m", 0.0, -0.03, None, 0.03, 0.029, None) for n in ("base_y", "tip.along")]
     expected = np.hypot(6e-3, 0.02 * 0.15)
-    for before, much in ((2.4 * expected, False), (2.6 * expected, True), (39e-3, True)):
+    for before, much in ((1.4 * expected, False), (1.6 * expected, True), (39e-3, True)):
         errors = [DayError("day", "fitted", before, 7e-3, 0.15)]
         assert adapting.surprising(errors, 6e-3) == much
-        phrase = adapting.mounting_moved(rows, replace(day, covariance=None), surprising=much)
+        phrase = adapting.mounting_moved(rows, surprising=much)
         assert ("base_y" in phrase) == much
         assert verdict_of(day, rows, errors, phrase, BodyChange())[0] == ("re-mounted" if much else "same arm")
 

@@ -30,13 +30,11 @@ EVALUATIONS, TOLERANCE = 60, 1e-4  # of a search; the change of the cost at whic
 MOST_FACTOR = 4.0  # by which a positive parameter of the body may change
 STRAINED = 2.5  # standard deviations of the wide priors of the mounting
 MOST_JOINTS = 6  # of a chain whose joints are judged one by one
-SEEN = 0.25  # of the prior's variance left, below which the recordings determine a direction of the mounting
 PLAIN = 1.15  # error before over error after: a smaller gain is no new mounting, whatever the statistics say
-CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
-NO_MOUNTING = 8.0  # likewise, of its moves against its wide priors: a larger distance is that of no mounting
+NO_MOUNTING = 8.0  # standard deviations of chi-squared: a mounting does not move farther against its wide priors
 TOO_CLOSE = 0.5  # of the earlier error: a smaller one means that the mounting took up errors of the model
 WORSE_REST = 1.05  # of the error on the rest of the day: a larger one above the usual refutes a change of the body
-SURPRISING = 2.5  # of the error expected of the earlier model in the earlier mounting: a larger one is no chance
+SURPRISING = 1.5  # of the error expected of the earlier model in the earlier mounting: a larger one is no chance
 TOLD = 0.05  # logarithm of a common factor on the gains, from which the verdict mentions it
 LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
 WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
@@ -286,7 +284,7 @@ def judged(
         after = result.rmse[exp.name] if exp.name in result.rmse else error_of(exp, result)
         errors.append(DayError(exp.name, "fitted" if exp in day.fitted else "judged", before, after, travel))
     change = change._replace(names=released_names(posterior, change.names))
-    mounting = mounting_moved(moves, result, surprising=surprising(errors, how["usual"] or 0.0))
+    mounting = mounting_moved(moves, surprising=surprising(errors, how["usual"] or 0.0))
     if no_mounting(moves, result):
         change = change._replace(another=np.inf)
     verdict, sentence = verdict_of(old, moves, errors, mounting, None if how["kind"] else change)
@@ -311,7 +309,7 @@ def surprising(errors: Sequence[DayError], usual: float) -> bool:
     return any(e.before > SURPRISING * np.hypot(usual, FROM_DAY_TO_DAY * e.travel) for e in errors)
 
 
-def mounting_moved(moves: Sequence[Move], result: FitResult, *, surprising: bool) -> str:
+def mounting_moved(moves: Sequence[Move], *, surprising: bool) -> str:
     """Return a phrase on the parameters of the mounting that moved, '' if none did. That the earlier mounting predicts
     `surprising` errors shows that it moved, whether or not the recordings tell its parameters apart.
     """
@@ -319,7 +317,7 @@ def mounting_moved(moves: Sequence[Move], result: FitResult, *, surprising: bool
     if clear:
         return join_words(clear)
     mine = [m for m in moves if m.belongs == "mounting" and m.name != COMMON]
-    if not mine or not (surprising or moved_together(mine, result)):
+    if not surprising or not mine:
         return ""
     largest = join_words([m.name for m in sorted(mine, key=lambda m: -abs(m.after - m.before) / m.prior_std)[:3]])
     return f"the mounting as a whole, most of all {largest}, which make up for each other,"
@@ -338,20 +336,6 @@ def no_mounting(moves: Sequence[Move], result: FitResult) -> bool:
         spread += covariance.form[np.ix_(index, index)] / np.outer(std, std)
     away = np.array([m.after - m.before for m in mine]) / std
     return bool(away @ np.linalg.solve(spread, away) > len(mine) + NO_MOUNTING * np.sqrt(2.0 * len(mine)))
-
-
-def moved_together(mine: Sequence[Move], result: FitResult) -> bool:
-    """Return whether some parameters of the mounting moved together by more than the covariance of the fit explains."""
-    covariance = result.covariance
-    if covariance is None:
-        return False
-    index = [covariance.names.index(m.name) for m in mine]
-    std = np.array([m.prior_std for m in mine])
-    size, turn = np.linalg.eigh(covariance.total[np.ix_(index, index)] / np.outer(std, std))
-    away = turn.T @ (np.array([m.after - m.before for m in mine]) / std)
-    visible = size < SEEN
-    distance = float(np.sum(away[visible] ** 2 / np.maximum(size[visible], 1e-9)))
-    return bool(distance > visible.sum() + CLEARLY * np.sqrt(2.0 * visible.sum()))
 
 
 def verdict_of(
