@@ -7,8 +7,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
-from pliant.adaptation.change import BodyChange, body_change, shift_and_scatter, stepwise
+from pliant.adaptation.change import (
+    ODDS,
+    OTHERWISE,
+    BodyChange,
+    body_change,
+    odds_of_another,
+    shift_and_scatter,
+    stepwise,
+)
 from pliant.adaptation.posterior import Posterior, by_joint
 from pliant.errors import InputError
 from pliant.identification import Parameter
@@ -78,7 +87,8 @@ def test_the_joint_that_changed_is_named(factor):
     day = fitted(known, {"stiffness_2": factor})
     earlier = iter([{"stiffness_3": 1.05}, {"stiffness_3": 1.1}, {"stiffness_3": 1.08}])
     found = body_change(known, day, lambda: [0, 1, 2], lambda _exp: fitted(known, next(earlier)))
-    assert found[:3] == (("stiffness_2",), False, 3)
+    assert (found.names, found.compared) == (("stiffness_2",), 3)
+    assert found.another < 0.0
     (change,) = found.changes
     assert (change.name, change.before, change.unit) == ("stiffness_2", 2.0, "N m/rad")
     assert change.after == pytest.approx(2.0 * factor)
@@ -91,7 +101,7 @@ def test_what_earlier_recordings_show_too_is_no_change_of_the_body():
     day = fitted(known, {"stiffness_1": 0.8, "damping": 1.3})
     earlier = iter([{"stiffness_1": s, "damping": d} for s, d in ((0.82, 1.25), (0.78, 1.3), (0.81, 1.33))])
     found = body_change(known, day, lambda: [0, 1, 2], lambda _exp: fitted(known, next(earlier)))
-    assert found == BodyChange((), most=False, compared=3)
+    assert found == BodyChange((), compared=3)
 
 
 def test_a_change_is_counted_from_what_earlier_recordings_show_too():
@@ -119,15 +129,33 @@ def test_all_joints_together_are_one_change_and_most_parameters_another_arm():
     known = posterior()
     day = fitted(known, dict.fromkeys(JOINTS, 1.4))
     found = body_change(known, day, lambda: [0, 1], lambda _exp: fitted(known, {}))
-    assert found[:3] == (("stiffness",), False, 2)
+    assert (found.names, found.compared) == (("stiffness",), 2)
     (change,) = found.changes
     assert change.after == pytest.approx(1.4)
     assert change.deviations == pytest.approx(0.4 / (np.hypot(0.02, 0.03) / 3**0.5))  # of three joints
     assert change.sentence == "stiffness of every joint, as a factor, 1 to 1.4 (+19 sd)"
-    assert not body_change(known, day, list, lambda _exp: None).most  # the joints count as one
-    broad = posterior((*JOINTS, "damping", "torque_1", "base_angle"))
-    other = fitted(broad, dict.fromkeys(broad.body.names, 1.5))
-    assert body_change(broad, other, list, lambda _exp: None).most
+    assert found.another < 0.0  # one cause, although three parameters changed
+    factors = (1.5, 0.7, 1.3, 1.4)
+    other = fitted(known, dict(zip(known.body.names, factors, strict=True)))
+    assert body_change(known, other, lambda: [0, 1], lambda _exp: fitted(known, {})).another > 0.0
+    assert body_change(known, other, list, lambda _exp: None).another > 0.0
+
+
+def test_the_odds_of_another_arm_are_those_of_gaussian_densities(rng):
+    known = posterior()
+    sizes = known.body.mean
+    root = 0.1 * np.diag(sizes) @ rng.normal(size=(4, 4))
+    covariance, move = root @ root.T + np.diag((0.05 * sizes) ** 2), sizes * rng.normal(size=4)
+    first = np.array([sizes[0], 0.0, 0.0, 0.0])
+
+    def density(spread):
+        return multivariate_normal(np.zeros(4), covariance + OTHERWISE**2 * spread).logpdf(move)
+
+    other = density(np.diag(sizes**2))
+    assert odds_of_another(move, covariance, [], known) == pytest.approx(other - density(0.0) + np.log(ODDS))
+    assert odds_of_another(move, covariance, [first], known) == pytest.approx(other - density(np.outer(first, first)))
+    still = odds_of_another(np.zeros(4), covariance, [], known)
+    assert still < np.log(ODDS)  # parameters that need not differ count against another arm
 
 
 def test_a_common_stiffness_is_split_into_those_of_the_joints():

@@ -270,3 +270,50 @@ def test_a_common_gain_may_be_a_change_of_stiffness_and_the_verdict_says_so(fact
     assert verdict == "re-mounted"
     assert ("may be the inverse factor on all stiffnesses" in sentence) == named
     assert (f"The factor {factor:.3g}" in sentence) == named
+
+
+def test_errors_that_the_earlier_mounting_cannot_make_are_a_new_one_although_no_parameter_stands_out():
+    day = result({"stiffness": 1.0})
+    rows = [Move(n, "mounting", "m", 0.0, -0.03, None, 0.03, 0.029, None) for n in ("base_y", "tip.along")]
+    expected = np.hypot(6e-3, 0.02 * 0.15)
+    for before, much in ((1.4 * expected, False), (1.6 * expected, True), (39e-3, True)):
+        errors = [DayError("day", "fitted", before, 7e-3, 0.15)]
+        assert adapting.surprising(errors, 6e-3) == much
+        phrase = adapting.mounting_moved(rows, surprising=much)
+        assert ("base_y" in phrase) == much
+        assert verdict_of(day, rows, errors, phrase, BodyChange())[0] == ("re-mounted" if much else "same arm")
+
+
+@pytest.mark.parametrize("form", [0.0, 1.5])
+def test_a_mounting_that_moves_farther_than_its_priors_and_errors_of_form_allow_is_none(form):
+    names, std = tuple(f"base_{axis}" for axis in "xyz"), 0.03
+    spread = SimpleNamespace(names=names, form=form * std**2 * np.eye(3) if form else None)
+    day = SimpleNamespace(covariance=spread)
+    limit = np.sqrt((1.0 + form) * (3.0 + 8.0 * 6.0**0.5) / 3.0)  # of each of three moves
+    for away in (0.99, -0.99, 1.01, -1.01):
+        rows = [Move(n, "mounting", "m", 0.0, std * limit * away, None, std, 0.01, None) for n in names]
+        assert adapting.no_mounting(rows, day) == (abs(away) > 1.0)
+    assert not adapting.no_mounting([], day)
+
+
+def test_odds_that_favour_another_arm_are_its_verdict():
+    day, errors = result({"stiffness": 1.0}), (DayError("day", "fitted", 9e-3, 1e-3, 0.1),)
+    for odds, expected in ((np.inf, "another arm"), (2.0, "another arm"), (-2.0, "re-mounted")):
+        verdict, sentence = verdict_of(day, (), errors, "base_angle", BodyChange((), odds, 3))
+        assert verdict == expected
+        assert ("Identify it anew" in sentence) == (odds > 0.0)
+        assert ("farther than mountings do" in sentence) == np.isinf(odds)
+
+
+@pytest.mark.parametrize(("usual", "refuted"), [(2e-3, False), (5e-4, True)])
+def test_a_change_is_refuted_by_an_error_above_the_usual_one_alone(monkeypatch, usual, refuted):
+    old = result({"stiffness": 1.0})
+    known, other = posterior_of(old, {"old"}), replace(old, rmse={"other": 1.0})
+    monkeypatch.setattr(adapting, "fitted_day", lambda *_: other)
+    monkeypatch.setattr(adapting, "body_change", lambda *_: BodyChange(("stiffness",), -5.0, 3))
+    monkeypatch.setattr(adapting, "error_of_rest", lambda fitted, _day: 1.2e-3 if fitted is other else 1e-3)
+    how = {"progress": None, "earlier": list, "usual": usual}
+    change, _, fitted = adapting.with_change(old, known, parts_of_day([moving(9.0)], 9.0), (old, {}), how, lambda _: {})
+    assert (change.names == ()) == refuted
+    assert (fitted is old) == refuted
+    assert change.compared == 3

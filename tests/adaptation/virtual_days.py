@@ -2,8 +2,8 @@
 
 Each arm has six joints whose springs stiffen, and gains that differ along the body; the model has three joints with
 linear springs. On each day every parameter of the mounting is shifted by an amount drawn from its prior, all inputs by
-a common factor (5 %), and the body by 2 %. ``python tests/adaptation/virtual_days.py 20`` prints the table of
-docs/another_day.md, for 20 arms each; a kind and a case may follow, as in ``3 "plane;plane, one stiffness"``.
+a common factor (5 %), and the body by 2 %. ``python tests/adaptation/virtual_days.py 20`` prints how often
+each verdict is given, for 20 arms each; a kind and a case may follow, as in ``3 "plane;plane, one stiffness"``.
 """
 
 from __future__ import annotations

@@ -30,11 +30,11 @@ EVALUATIONS, TOLERANCE = 60, 1e-4  # of a search; the change of the cost at whic
 MOST_FACTOR = 4.0  # by which a positive parameter of the body may change
 STRAINED = 2.5  # standard deviations of the wide priors of the mounting
 MOST_JOINTS = 6  # of a chain whose joints are judged one by one
-SEEN = 0.25  # of the prior's variance left, below which the recordings determine a direction of the mounting
 PLAIN = 1.15  # error before over error after: a smaller gain is no new mounting, whatever the statistics say
-CLEARLY = 3.0  # standard deviations of chi-squared: a larger distance means that the mounting as a whole moved
+NO_MOUNTING = 8.0  # standard deviations of chi-squared: a mounting does not move farther against its wide priors
 TOO_CLOSE = 0.5  # of the earlier error: a smaller one means that the mounting took up errors of the model
-WORSE_REST = 1.05  # of the error on the rest of the day: a larger one refutes a change of the body
+WORSE_REST = 1.05  # of the error on the rest of the day: a larger one above the usual refutes a change of the body
+SURPRISING = 1.5  # of the error expected of the earlier model in the earlier mounting: a larger one is no chance
 TOLD = 0.05  # logarithm of a common factor on the gains, from which the verdict mentions it
 LOST = 0.3  # of the peak displacement: a larger error on the fitted seconds means another arm
 WORSE = 3.0  # errors of the earlier fit: likewise, if above a tenth of the peak displacement
@@ -102,13 +102,13 @@ def adapt_model(
     how = with_defaults(adapt_model, options, ADAPT_MODEL_OPTIONS)
     notify = how["progress"] or (lambda _line: None)
     check_day(old, day)
-    usual = usual_error(old) if how["usual"] is None else how["usual"]
+    usual = how["usual"] = usual_error(old) if how["usual"] is None else how["usual"]
     settings = partial(settings_of, old, how, usual)
     of_day = settings(day)
     result, released = fitted_in_rounds(old, posterior, day, of_day, usual, notify)
     change = BodyChange()
     if how["kind"]:
-        return judged(old, posterior, day, result, change, kind=True)
+        return judged(old, posterior, day, result, change, how)
 
     def fit_alike(exp: Experiment) -> FitResult:
         part = part_like(exp, old, day)
@@ -121,7 +121,7 @@ def adapt_model(
         change, posterior, result = with_change(old, posterior, day, (result, released), how, settings)
     except FAILED as error:  # the fit with a free body; the adapted one stands
         notify(f"warning: whether the body changed is unknown: {error}")
-    return judged(old, posterior, day, with_error_of_form(result, moves), change, kind=False)
+    return judged(old, posterior, day, with_error_of_form(result, moves), change, how)
 
 
 def with_change(
@@ -145,7 +145,7 @@ def with_change(
         return change, posterior, result
     wide = where.prior.widened({n: v for n, v in (released | freed(where)).items() if n in names})
     other = fitted_day(where, day, wide, settings(day))
-    if error_of_rest(other, day) > WORSE_REST * error_of_rest(result, day):
+    if error_of_rest(other, day) > max(WORSE_REST * error_of_rest(result, day), how["usual"] or 0.0):
         notify("adapt: with this change the rest of the day is predicted worse: it is none")
         return BodyChange(compared=change.compared), posterior, result
     return change, where, other
@@ -274,7 +274,7 @@ def all_moves(posterior: Posterior, result: FitResult) -> tuple[Move, ...]:
 
 
 def judged(
-    old: FitResult, posterior: Posterior, day: DayParts, result: FitResult, change: BodyChange, *, kind: bool,
+    old: FitResult, posterior: Posterior, day: DayParts, result: FitResult, change: BodyChange, how: AdaptModelOptions,
 ) -> Adaptation:
     """Return moves, errors and verdict of an adapted model."""
     moves = all_moves(posterior, result)
@@ -284,7 +284,10 @@ def judged(
         after = result.rmse[exp.name] if exp.name in result.rmse else error_of(exp, result)
         errors.append(DayError(exp.name, "fitted" if exp in day.fitted else "judged", before, after, travel))
     change = change._replace(names=released_names(posterior, change.names))
-    verdict, sentence = verdict_of(old, moves, errors, mounting_moved(moves, result), None if kind else change)
+    mounting = mounting_moved(moves, surprising=surprising(errors, how["usual"] or 0.0))
+    if no_mounting(moves, result):
+        change = change._replace(another=np.inf)
+    verdict, sentence = verdict_of(old, moves, errors, mounting, None if how["kind"] else change)
     return Adaptation(verdict, sentence, change.names, moves, tuple(errors), day.seconds, result)
 
 
@@ -294,36 +297,45 @@ def error_of(exp: Experiment, result: FitResult) -> float:
 
 
 def error_of_rest(result: FitResult, day: DayParts) -> float:
-    """Return the mean error of a fit on the recordings that judge it, as a fraction of their peak displacements; 0 if
-    there are none.
-    """
-    errors = [error_of(e, result) / max(e.travel, 1e-12) for e in day.judged]
+    """Return the mean RMS error [m; angles: rad] of a fit on the recordings that judge it; 0 if there are none."""
+    errors = [error_of(e, result) for e in day.judged]
     return float(np.mean(errors)) if errors else 0.0
 
 
-def mounting_moved(moves: Sequence[Move], result: FitResult) -> str:
-    """Return a phrase on the parameters of the mounting that moved, '' if none did.
-
-    Recordings may show that the mounting moved without telling one of its parameters from another. All of them
-    together are therefore judged by the covariance of the fit.
+def surprising(errors: Sequence[DayError], usual: float) -> bool:
+    """Return whether the earlier model, in its earlier mounting, predicts a day worse than its error `usual` [m;
+    angles: rad] and a change of all parameters of the body from day to day explain.
     """
-    mine = [m for m in moves if m.belongs == "mounting" and m.name != COMMON]
+    return any(e.before > SURPRISING * np.hypot(usual, FROM_DAY_TO_DAY * e.travel) for e in errors)
+
+
+def mounting_moved(moves: Sequence[Move], *, surprising: bool) -> str:
+    """Return a phrase on the parameters of the mounting that moved, '' if none did. That the earlier mounting predicts
+    `surprising` errors shows that it moved, whether or not the recordings tell its parameters apart.
+    """
     clear = [m.name for m in moves if m.belongs == "mounting" and m.clear]
     if clear:
         return join_words(clear)
-    covariance = result.covariance
-    if covariance is None or not mine:
-        return ""
-    index = [covariance.names.index(m.name) for m in mine]
-    std = np.array([m.prior_std for m in mine])
-    size, turn = np.linalg.eigh(covariance.total[np.ix_(index, index)] / np.outer(std, std))
-    away = turn.T @ (np.array([m.after - m.before for m in mine]) / std)
-    visible = size < SEEN
-    distance = float(np.sum(away[visible] ** 2 / np.maximum(size[visible], 1e-9)))
-    if distance <= visible.sum() + CLEARLY * np.sqrt(2.0 * visible.sum()):
+    mine = [m for m in moves if m.belongs == "mounting" and m.name != COMMON]
+    if not surprising or not mine:
         return ""
     largest = join_words([m.name for m in sorted(mine, key=lambda m: -abs(m.after - m.before) / m.prior_std)[:3]])
     return f"the mounting as a whole, most of all {largest}, which make up for each other,"
+
+
+def no_mounting(moves: Sequence[Move], result: FitResult) -> bool:
+    """Return whether the mounting moved farther than its wide priors and the errors of the model's form explain."""
+    mine = [m for m in moves if m.belongs == "mounting" and m.name != COMMON]
+    covariance = result.covariance
+    if not mine or covariance is None:
+        return False
+    std = np.array([m.prior_std for m in mine])
+    spread = np.eye(len(mine))
+    if covariance.form is not None:
+        index = [covariance.names.index(m.name) for m in mine]
+        spread += covariance.form[np.ix_(index, index)] / np.outer(std, std)
+    away = np.array([m.after - m.before for m in mine]) / std
+    return bool(away @ np.linalg.solve(spread, away) > len(mine) + NO_MOUNTING * np.sqrt(2.0 * len(mine)))
 
 
 def verdict_of(
@@ -337,9 +349,12 @@ def verdict_of(
     lost = fitted > LOST or (usual > 0 and fitted > max(0.1, WORSE * usual))
     if change is None and not lost:
         return "another of the kind", "Another robot of the kind: its body is fitted within the spread of the kind."
-    if change is None or lost or change.most:
-        reason = (f"its error on the fitted seconds stays at {100 * fitted:.2g} % of the peak displacement" if lost else
-                  "most parameters of the body changed")  # fmt: skip
+    if change is None or lost or change.another > 0.0:
+        reason = "a few parameters of the body do not explain what changed"
+        if lost or change is None:
+            reason = f"its error on the fitted seconds stays at {100 * fitted:.2g} % of the peak displacement"
+        elif np.isinf(change.another):
+            reason = "its mounting would have to move farther than mountings do"
         return "another arm", f"Another arm: {reason}. Identify it anew, from these start values."
     if change.names:
         listed = join_words([c.sentence for c in change.changes])

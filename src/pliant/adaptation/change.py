@@ -23,6 +23,8 @@ Array = np.ndarray
 SUSPECT = 2.0  # standard deviations, from which a change is compared with the earlier recordings
 MOST_EARLIER = 6  # recordings that are fitted for this comparison
 RELEASED = 0.5  # of a parameter's size: standard deviation of a parameter of the body that is released
+OTHERWISE = 0.3  # of a parameter's size: standard deviation of one that changed, and of each of another arm
+ODDS = 0.05  # prior probability that a given part changed, and that the arm is another one
 
 
 class Change(NamedTuple):
@@ -50,8 +52,9 @@ class BodyChange(NamedTuple):
     ----------
     names : tuple of str
         Parameters that changed; "stiffness" for that of every joint.
-    most : bool
-        Whether more than two, and more than half of all parameters, changed.
+    another : float
+        Logarithm of the odds of another arm, whose parameters all differ, to an arm in which only `names` changed;
+        minus infinity if none did.
     compared : int
         Number of earlier recordings with which the change was compared; -1 if nothing called for it.
     changes : tuple of Change
@@ -59,7 +62,7 @@ class BodyChange(NamedTuple):
     """
 
     names: tuple[str, ...] = ()
-    most: bool = False
+    another: float = -np.inf
     compared: int = -1
     changes: tuple[Change, ...] = ()
 
@@ -122,11 +125,32 @@ def body_change(
     else:
         far = np.abs(move) > FAR * np.sqrt(np.diag(doubt))
         changed = tuple(n for n, f in zip(names, far, strict=True) if f)
-    joints = set(joints_of(posterior.model)) & set(names)
-    laws = len(names) - max(len(joints) - 1, 0)  # the joints count as one
-    apart = {"stiffness" if n in joints else n for n in changed}
-    return BodyChange(changed, len(apart) > max(2, 0.5 * laws), len(moves),
-                      changes_of(posterior, changed, move, doubt))  # fmt: skip
+    if not changed:
+        return BodyChange(compared=len(moves))
+    odds = odds_of_another(move, doubt, [directions[n] for n in changed], posterior)
+    return BodyChange(changed, odds, len(moves), changes_of(posterior, changed, move, doubt))
+
+
+def odds_of_another(move: Array, covariance: Array, changed: Sequence[Array], posterior: Posterior) -> float:
+    """Return the logarithm of the odds of another arm to an arm in which only the directions `changed` (P,) did.
+
+    The move (P,) has the given covariance (P, P) about 0 if nothing changed. Each part that changed adds `OTHERWISE` of
+    its direction, another arm `OTHERWISE` of the size of every parameter. The evidence of each is the density of the
+    move: many free parameters cost as much as they promise and do not explain.
+    """
+    sizes = np.array([sizes_of(posterior)[n] for n in posterior.body.names])
+    some = sum((np.outer(u, u) for u in changed), np.zeros_like(covariance))
+    evidence = [log_density(move / sizes, (covariance + OTHERWISE**2 * more) / np.outer(sizes, sizes))
+                for more in (np.diag(sizes**2), some)]  # fmt: skip
+    return evidence[0] - evidence[1] + float(np.log(ODDS)) * (1 - len(changed))
+
+
+def log_density(value: Array, covariance: Array) -> float:
+    """Return the logarithm of the Gaussian density of a value (P,) with mean 0, but for a constant."""
+    size = np.sqrt(np.diag(covariance))
+    root = np.linalg.cholesky(covariance / np.outer(size, size))
+    white = np.linalg.solve(root, value / size)
+    return float(-0.5 * white @ white - np.log(np.diag(root)).sum() - np.log(size).sum())
 
 
 def changes_of(posterior: Posterior, changed: Sequence[str], move: Array, covariance: Array) -> tuple[Change, ...]:
