@@ -15,7 +15,7 @@ from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames
 from pliant.identification.result import FitResult
 from pliant.model import Model
-from pliant.selection.fitted import FittedModel, Linearised
+from pliant.selection.fitted import FARTHER, FittedModel, Linearised
 from pliant.selection.terms import Term, terms_for
 from pliant.shapes import Float
 
@@ -25,6 +25,8 @@ MOST_BLOCKS, FEWEST_BLOCKS = 8, 4  # of each recording
 CORRELATION_TIMES = 3.0  # length of a block at least, in correlation times of the residual
 MATERIAL = 0.03  # of the criterion: a smaller gain does not earn a term its place
 STIFFEST = 1e-10  # relative eigenvalue below which what is left of a block does not move
+# by which a cubic, the highest power of any law, grows at most beyond a symmetrical range (Chebyshev)
+MOST_GROWTH = 4.0 * FARTHER**3 - 3.0 * FARTHER
 DETERMINED = 0.5  # standard error over value above which a parameter is not determined: its 95 % interval holds zero
 
 
@@ -165,6 +167,27 @@ def at_bounds(fit: FittedModel, term: Term) -> list[str]:
     return [p.name for p in fit.problem.free if p.name in {a.name for a in term.adds} and not p.shrink
             and values[p.name] in (p.lower, *(() if p.name in term.limits else (p.upper,)))
             and values[p.name] != term.null.get(p.name)]  # fmt: skip
+
+
+def strays(fit: FittedModel, parent: FittedModel) -> str:
+    """Return why a fit with one more term than its parent is not to be trusted beyond the inputs of the recordings; ''
+    if nothing speaks against it.
+
+    A law that the recordings show only in part may follow them and predict nonsense beyond: friction that hardly slips
+    under any recorded input passes for stiffness, and slips under a higher one. Under higher inputs, the motions of fit
+    and parent may differ more than under the recorded ones, but not by more than if the difference were a cubic. The
+    fit must also have a motion where its parent has one.
+    """
+    usual, far = parent.residual_beyond, fit.residual_beyond
+    if usual is None:
+        return ""
+    if far is None:
+        return f"it cannot be simulated under {FARTHER:g} times the inputs"
+    within = float(np.linalg.norm(fit.residual - parent.residual))
+    growth = float(np.linalg.norm(far - usual)) / max(within, 1e-300)
+    if growth <= MOST_GROWTH:
+        return ""
+    return f"under {FARTHER:g} times the inputs, it changes the motion {growth:.2g} times as much as under these"
 
 
 def cost_without(fit: FittedModel, term: Term) -> float:

@@ -19,6 +19,7 @@ from pliant.selection.criterion import (
     noise_of,
     parts_of,
     score_of,
+    strays,
     undetermined,
 )
 from pliant.selection.first_model import scale_of
@@ -145,7 +146,11 @@ class RunningSearch:
             raise KeyboardInterrupt
 
     def keep(self, score: float, title: str, fit: FittedModel) -> None:
-        """Keep a model as a possible rival of the chosen one; those with the lowest criteria stay."""
+        """Keep a model as a possible rival of the chosen one, unless it is not to be trusted beyond the recordings.
+        Those with the lowest criteria stay.
+        """
+        if len(fit.free) > len(self.best.free) and strays(fit, self.best):
+            return
         self.others = sorted([*self.others, (score, title, fit)], key=lambda c: c[0])[:MOST_OTHERS]
 
     def vague(self, term: Term, errors: Mapping[str, float | None]) -> dict[str, str]:

@@ -17,6 +17,7 @@ from pliant.selection.criterion import (
     at_bounds,
     by_percent,
     cost_without,
+    strays,
 )
 from pliant.selection.fitted import (
     TOLERANCE,
@@ -162,6 +163,8 @@ class Search(RunningSearch):
         if ends := at_bounds(fit, term):
             return False, trial._replace(reason=f"its fit ends at a bound: {', '.join(ends)}")
         helps = score <= (1 - MATERIAL) * self.score
+        if helps and (reason := strays(fit, self.best)):
+            return False, trial._replace(reason=reason)
         return helps, trial._replace(
             reason=f"left-out parts are predicted {'better' if helps else 'no better'} (error {by})")
 
