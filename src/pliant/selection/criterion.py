@@ -170,24 +170,24 @@ def at_bounds(fit: FittedModel, term: Term) -> list[str]:
 
 
 def strays(fit: FittedModel, parent: FittedModel) -> str:
-    """Return why a fit with one more term than its parent is not to be trusted beyond the inputs of the recordings; ''
-    if nothing speaks against it.
+    """Return why a fit with other terms than its parent is not to be trusted beyond the inputs of the recordings; '' if
+    nothing speaks against it.
 
     A law that the recordings show only in part may follow them and predict nonsense beyond: friction that hardly slips
     under any recorded input passes for stiffness, and slips under a higher one. Under higher inputs, the motions of fit
-    and parent may differ more than under the recorded ones, but not by more than if the difference were a cubic. The
-    fit must also have a motion where its parent has one.
+    and parent may differ more than under the recorded ones, but not by more than if the difference were a cubic, or by
+    more than the parent's residual. The fit must also have a motion where its parent has one.
     """
     usual, far = parent.residual_beyond, fit.residual_beyond
     if usual is None:
         return ""
     if far is None:
         return f"it cannot be simulated under {FARTHER:g} times the inputs"
-    within = float(np.linalg.norm(fit.residual - parent.residual))
-    growth = float(np.linalg.norm(far - usual)) / max(within, 1e-300)
-    if growth <= MOST_GROWTH:
+    within, apart = (float(np.linalg.norm(r)) for r in (fit.residual - parent.residual, far - usual))
+    if apart <= max(MOST_GROWTH * within, float(np.linalg.norm(parent.residual))):
         return ""
-    return f"under {FARTHER:g} times the inputs, it changes the motion {growth:.2g} times as much as under these"
+    return (f"under {FARTHER:g} times the inputs, it changes the motion {min(apart / max(within, 1e-300), 1e3):.0f} "
+            "times as much as under these")  # fmt: skip
 
 
 def cost_without(fit: FittedModel, term: Term) -> float:
