@@ -100,15 +100,15 @@ class RunningSearch:
 
     def adopt(self, fit: FittedModel, score: float) -> None:
         """Take a converged fit, of the criterion `score`, as the best model. Its priors are weighted by its residuals,
-        unless left-out parts are then predicted worse, or motions beyond the recordings change much. An interrupt
-        (Ctrl-C) acts after the next `record`.
+        unless left-out parts are then predicted worse, or the fit strays from the model before. An interrupt (Ctrl-C)
+        acts after the next `record`.
         """
-        self.best, self.score = fit, score
+        parent, self.best, self.score = self.best, fit, score
         if not fit.problem.learns or self.late or abs(fit.prior_weight / fit.problem.size - 1.0) <= MATERIAL:
             return
         try:
             weighted = self.converged(fit, fit.prior_weight)
-            if (other := self.scored(weighted)) < (1 + MATERIAL) * score and not strays(weighted, fit):
+            if (other := self.scored(weighted)) < (1 + MATERIAL) * score and not strays(weighted, parent):
                 self.best, self.score = weighted, other
         except PliantError:
             return
