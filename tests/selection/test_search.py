@@ -378,7 +378,7 @@ def steps_of(names: str, scores: dict[str, float], monkeypatch, *, broken: str =
 
     def fit_of(name: str, score: float) -> SimpleNamespace:
         return SimpleNamespace(problem=SimpleNamespace(size=1.0, learns=False, free=()), cost=1.0, values={}, free=(),
-                               parameters=(), name=name, score=score)  # fmt: skip
+                               parameters=(), name=name, score=score, residual_beyond=None)  # fmt: skip
 
     def converged(fit, _weight):
         if fit.name == broken:
