@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import t
 
 from pliant.identification import Experiment, FitResult, fit, predict, prediction_band, residual_reach
-from pliant.identification.prediction_bands import TRIAL_GAIN, TrainingResiduals
+from pliant.identification.prediction_bands import TRIAL_GAIN, TRIAL_TURN, TrainingResiduals, trial_turn
 from pliant.model import Model, Valve
 
 STEP = 2e-3
@@ -139,3 +139,31 @@ def test_one_recording_shows_no_scatter_of_rests(clean: tuple[Model, Experiment]
     _, exp = clean
     left = TrainingResiduals([exp], [exp.position + 1e-3], "metre")
     np.testing.assert_array_equal(left.rest_spread(exp.stations), 0.0)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_recordings_leave_turns_of_the_base_to_a_stated_prior(clean: tuple[Model, Experiment], count: int) -> None:
+    """A fit takes the mean of the turns; the residuals of K recordings contain 1 - 1 / K of their variance."""
+    exp = clean[1].thinned(10)
+    rng, rows = np.random.default_rng(8), exp.position
+    square = np.zeros_like(rows)
+    for turns in TRIAL_TURN * rng.standard_normal((2000, count + 1)):
+        cos, sin = np.cos(turns), np.sin(turns)
+        turned = np.einsum("tsj,ijk->ktsi", rows, np.array([[cos, -sin], [sin, cos]]))
+        square += (turned[-1] - turned[:-1].mean(axis=0)) ** 2 / 2000
+    x, y = np.moveaxis(rows, -1, 0)
+    residuals = (1 - 1 / count) * TRIAL_TURN**2 * np.stack([y, x], axis=-1) ** 2
+    scale = np.abs(rows).max()
+    np.testing.assert_allclose(np.hypot(trial_turn(exp, rows, count), np.sqrt(residuals)), np.sqrt(square), rtol=0.08,
+                               atol=1e-4 * scale)  # fmt: skip
+
+
+def test_turns_of_the_base_count_where_no_recording_shows_them(clean: tuple[Model, Experiment]) -> None:
+    _, exp = clean
+    assert trial_turn(exp, exp.position, 2).max() > 0
+    for seen, count in ((exp, 3), (replace(exp, own_places=True), 2)):
+        np.testing.assert_array_equal(trial_turn(seen, exp.position, count), 0.0)
+    model, found = clean[0], fitted(clean[0], exp)
+    left = TrainingResiduals.of([exp], found)
+    half = left.band(exp, found, exp.position, found).upper - predict(model, exp, found.values, STEP)["position"]
+    assert (half >= 1.959 * trial_turn(exp, exp.position, 1)).all()

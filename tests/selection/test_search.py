@@ -14,9 +14,9 @@ from pliant.identification import Experiment, Parameter, fit
 from pliant.identification.parameters import apply
 from pliant.model import Chamber, Extension, Memory, Model, Station, Valve, chain_model
 from pliant.selection import ModelSelection, SelectionStep, Term, TriedTerm, select_model, terms_for
-from pliant.selection.criterion import parts_of
+from pliant.selection.criterion import parts_of, strays
 from pliant.selection.first_model import beginning, determined, edge_limits, edge_times, scale_of
-from pliant.selection.fitted import FitSetting, fitted
+from pliant.selection.fitted import FitSetting, FittedModel, fitted
 from pliant.selection.restart import begun_at, exchanged, rescaled, restarted
 from pliant.selection.saved import SearchFile
 from pliant.selection.screen import TermProposal, screened
@@ -147,6 +147,41 @@ def test_an_alternative_takes_the_place_of_a_law_that_stands_for_it():
     assert search.best.values["inflation_limit"] == pytest.approx(1.6e5, rel=0.05)
     (wall,) = search.chosen
     assert not exchanged(search, wall, 1.0), "it stands for nothing else"
+
+
+def test_friction_that_hardly_slips_is_not_trusted_beyond_the_recordings():
+    """In place of five sixths of the springs, it follows the recordings, and gives way under higher inputs."""
+    search = begun_with("slip", {"slip_share_1": 1e-6, "slip_angle_1": 0.1}, two(chain()), other="torque_2")
+    motion = {"stiffness": 0.5, "damping": 3e-3, "torque_1": 6e-7}
+
+    def fit_of(values: dict[str, float]) -> FittedModel:
+        return fitted(search.setting, GIVEN, [Parameter(n, v) for n, v in values.items()], evaluations=0)
+
+    def path(values: dict[str, float], level: float) -> np.ndarray:
+        model, trace = apply(chain(), values), Trace([0.1, 0.13, 1.0, 1.03], [0.0, level, level, 0.0])
+        return simulate(model, trace, times=TIMES, time_step=5e-4)["station_position"].values
+
+    slips = {**motion, "stiffness": 0.5 / 6, "slip_share_1": 5.0, "slip_angle_1": 0.188}
+    parent, child = fit_of(motion), fit_of(slips)
+    reason = strays(child, parent)
+    away = []
+    for factor in (1.0, 1.5):
+        apart = []
+        for exp, level in zip(search.setting.experiments, (5e4, 1e5), strict=True):
+            apart.append((path(slips, factor * level) - path(motion, factor * level)) / exp.travel)
+        away.append(np.linalg.norm(apart))
+    growth = away[1] / away[0]
+    assert growth > 24.0
+    assert float(reason.partition("motion ")[2].partition(" times")[0]) == pytest.approx(growth, rel=0.05)
+    (slip,), trial = search.chosen, TriedTerm("slip", "internal friction")
+    begun = {**motion, "stiffness": 0.3, "slip_share_1": 1.0, "slip_angle_1": 0.1}
+    search.best = fitted(search.setting, GIVEN, [Parameter(n, v) for n, v in motion.items()])
+    child = fitted(search.setting, GIVEN, [Parameter(n, v) for n, v in begun.items()])
+    helps, trial = search.judged(child, 0.5 * search.score, slip, trial)
+    assert not helps
+    assert trial.reason == strays(child, search.best) != ""
+    assert not strays(fit_of({**motion, "torque_2": 1e-12}), parent)
+    assert not strays(child, child)
 
 
 @pytest.mark.slow
@@ -366,7 +401,7 @@ def steps_of(names: str, scores: dict[str, float], monkeypatch, *, broken: str =
 
     def fit_of(name: str, score: float) -> SimpleNamespace:
         return SimpleNamespace(problem=SimpleNamespace(size=1.0, learns=False, free=()), cost=1.0, values={}, free=(),
-                               parameters=(), name=name, score=score)  # fmt: skip
+                               parameters=(), name=name, score=score, residual_beyond=None)  # fmt: skip
 
     def converged(fit, _weight):
         if fit.name == broken:

@@ -26,6 +26,9 @@ Array = np.ndarray
 LEAST_SQUARE = 0.1  # of the mean squared residual: least expected square at any time
 REACH = (1.5, 3.0)  # standard deviations, least and most, for 95 % of the residuals
 TRIAL_GAIN = 0.02  # standard deviation of a gain from trial to trial, which fewer than three recordings do not show
+# rad, standard deviation of the turn of a whole shape about its base from trial to trial, which fewer than three
+# recordings do not show either: the rest of the virtual laboratories' fibres varies by .35 % of length at the tip
+TRIAL_TURN = 4e-3
 OF_MEDIAN = 0.5 * np.pi  # variance of the median of normal values over that of their mean
 AT_REST = 3  # independent values in the errors at rest of one recording, by all stations
 LEAST_VARIANCE = 1e-6  # of the largest variance of scaled parameters: smaller ones are neglected
@@ -161,6 +164,22 @@ def trial_to_trial(rows: Array, recordings: int) -> Array:
     return np.asarray((TRIAL_GAIN * (rows - rows[:1])) ** 2 * (recordings < FEWEST))
 
 
+def trial_turn(experiment: Experiment, rows: Array, recordings: int) -> Array:
+    """Return the stated standard deviation (T, S, k) of a motion `rows` (T, S, k) from trial to trial, beyond that in
+    the residuals of one or two training `recordings`: that of a turn about the base, as by a base or a sensor's frame
+    that is set anew, or by the bias of a fibre. See `TrainingResiduals.rest_spread`.
+
+    It is 0 where three or more recordings show their scatter, for settled poses, for markers that are placed anew in
+    each recording, and for measured values other than positions and angles from the base.
+    """
+    turn = TRIAL_TURN * np.sqrt(2.0 / recordings) * (recordings < FEWEST)
+    if experiment.poses or experiment.own_places:
+        return np.zeros_like(rows)
+    if experiment.without_positions:
+        return np.full_like(rows, turn * (experiment.alone == "angle" and experiment.angle_reference == "base"))
+    return np.asarray(turn * np.sqrt(np.sum(rows**2, axis=-1, keepdims=True) - rows**2))
+
+
 @dataclass(frozen=True, eq=False)
 class TrainingResiduals:
     """What is left of N training recordings by their fit, from which noise and reach of predictions are learnt.
@@ -216,7 +235,8 @@ class TrainingResiduals:
         """
         band = prediction_band(experiment, fitted, time_step=time_step, level=level, own=own, training=self.train,
                                noise=self.noise(experiment, modelled), reach=self.reach(level))  # fmt: skip
-        return band.widened(self.rest_spread(experiment.stations, level))
+        turned = trial_turn(experiment, modelled, len(self.train))
+        return band.widened(np.maximum(self.rest_spread(experiment.stations, level), turned))
 
     def rest_spread(self, stations: Sequence[str], level: float = 0.95) -> Float[Array, "S k"]:
         """Return the standard deviation [m; angles: rad] of the rest of a new recording at S stations beyond that in
@@ -227,8 +247,8 @@ class TrainingResiduals:
         1 + 1 / K times their variance, of which the residuals of the training recordings contain 1 - 1 / K. The
         variance is that of the medians of the first frames, without their noise. Since few recordings show it badly,
         the result is larger by the quotient of the quantiles of Student's t and of the normal distribution at `level`.
-        It is 0 for a single recording, which shows no scatter. Settled poses, releases and recordings with a warm-up
-        do not begin at rest and are left out.
+        It is 0 for a single recording, which shows no scatter; `band` takes at least `trial_turn`. Settled poses,
+        releases and recordings with a warm-up do not begin at rest and are left out.
         """
         from scipy.stats import t
 

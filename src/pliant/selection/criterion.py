@@ -15,7 +15,7 @@ from pliant.identification.problem import Problem
 from pliant.identification.residuals import correlated_frames
 from pliant.identification.result import FitResult
 from pliant.model import Model
-from pliant.selection.fitted import FittedModel, Linearised
+from pliant.selection.fitted import FARTHER, FittedModel, Linearised
 from pliant.selection.terms import Term, terms_for
 from pliant.shapes import Float
 
@@ -25,6 +25,9 @@ MOST_BLOCKS, FEWEST_BLOCKS = 8, 4  # of each recording
 CORRELATION_TIMES = 3.0  # length of a block at least, in correlation times of the residual
 MATERIAL = 0.03  # of the criterion: a smaller gain does not earn a term its place
 STIFFEST = 1e-10  # relative eigenvalue below which what is left of a block does not move
+# by which a polynomial of fourth degree, one above the laws of the search, grows at most beyond a symmetrical range
+# (Chebyshev); walls that give way as measured ones do reach 18, friction that hardly slips 43 and more
+MOST_GROWTH = 8.0 * FARTHER**4 - 8.0 * FARTHER**2 + 1.0
 DETERMINED = 0.5  # standard error over value above which a parameter is not determined: its 95 % interval holds zero
 
 
@@ -165,6 +168,26 @@ def at_bounds(fit: FittedModel, term: Term) -> list[str]:
     return [p.name for p in fit.problem.free if p.name in {a.name for a in term.adds} and not p.shrink
             and values[p.name] in (p.lower, *(() if p.name in term.limits else (p.upper,)))
             and values[p.name] != term.null.get(p.name)]  # fmt: skip
+
+
+def strays(fit: FittedModel, parent: FittedModel) -> str:
+    """Return why a fit with other terms than its parent is not to be trusted beyond the inputs of the recordings; '' if
+    nothing speaks against it.
+
+    A law that the recordings show only in part may follow them and predict nonsense beyond: friction that hardly slips
+    under any recorded input passes for stiffness, and slips under a higher one. Under higher inputs, the motions of fit
+    and parent may differ more than under the recorded ones, but not by more than if the difference were a polynomial of
+    fourth degree, or by more than the parent's residual. A model without a motion there, such as a wall that bursts, is
+    not judged: it cannot predict nonsense.
+    """
+    usual, far = parent.residual_beyond, fit.residual_beyond
+    if usual is None or far is None:
+        return ""
+    within, apart = (float(np.linalg.norm(r)) for r in (fit.residual - parent.residual, far - usual))
+    if apart <= max(MOST_GROWTH * within, float(np.linalg.norm(parent.residual))):
+        return ""
+    return (f"under {FARTHER:g} times the inputs, it changes the motion {min(apart / max(within, 1e-300), 1e3):.0f} "
+            "times as much as under these")  # fmt: skip
 
 
 def cost_without(fit: FittedModel, term: Term) -> float:

@@ -23,6 +23,7 @@ from pliant.identification.uncertainty import Covariance, covariance
 from pliant.model import Model
 from pliant.selection.result import RivalModel
 from pliant.shapes import Float
+from pliant.simulation import Trace
 from pliant.simulation.solve import longest_allowed_step
 
 Array = np.ndarray
@@ -32,6 +33,7 @@ ALMOST, RIVALS = 0.2, 2  # of the criterion: a model within that of the chosen o
 RIVAL_EVALUATIONS = 6  # with which a rough fit goes on
 STEPS = (0.05, 0.02, 0.01, 0.005, 0.002)  # s, time steps that are tried
 STEP_ERROR = 0.05  # % of the peak displacement: what halving the time step may change
+FARTHER = 1.5  # times the inputs of the training recordings, under which models are compared beyond these
 
 
 @dataclass(frozen=True)
@@ -184,6 +186,17 @@ class FittedModel:
         """Return the covariance of the free parameters."""
         return covariance(self.problem, self.x)
 
+    @cached_property
+    def residual_beyond(self) -> Array | None:
+        """Return the weighted residuals (N,) under `FARTHER` times the inputs of the recordings; None if the model
+        cannot be simulated there. Differences between them are those between predictions beyond the recordings.
+        """
+        mine = self.problem
+        problem = Problem([farther(e) for e in mine.experiments], mine.model, self.parameters, mine.time_step,
+                          mine.weighting)  # fmt: skip
+        residual = problem.data_residual(problem.start)
+        return None if problem.broken else residual
+
     @property
     def standard_errors(self) -> dict[str, float | None]:
         """Return the standard error (SI) of each free parameter by name; None for one that is not determined."""
@@ -200,6 +213,17 @@ class FittedModel:
         Counted are positions or, in recordings without any, angles.
         """
         return {o.exp.name: percent_of(o, part) for o, part in self.problem.parted(residual)}
+
+
+def farther(experiment: Experiment) -> Experiment:
+    """Return the experiment with `FARTHER` times its inputs."""
+
+    def scaled(trace: Trace) -> Trace:
+        return Trace(trace.time, FARTHER * trace.pressure)
+
+    pressure = None if experiment.pressure is None else scaled(experiment.pressure)
+    return replace(experiment, pressure=pressure, level=FARTHER * experiment.level,
+                   drives={name: scaled(trace) for name, trace in experiment.drives.items()})
 
 
 def frame_spacing(experiments: Sequence[Experiment]) -> float:

@@ -19,6 +19,7 @@ from pliant.selection.criterion import (
     noise_of,
     parts_of,
     score_of,
+    strays,
     undetermined,
 )
 from pliant.selection.first_model import scale_of
@@ -99,14 +100,15 @@ class RunningSearch:
 
     def adopt(self, fit: FittedModel, score: float) -> None:
         """Take a converged fit, of the criterion `score`, as the best model. Its priors are weighted by its residuals,
-        unless left-out parts are then predicted worse. An interrupt (Ctrl-C) acts after the next `record`.
+        unless left-out parts are then predicted worse, or the fit strays from the model before. An interrupt (Ctrl-C)
+        acts after the next `record`.
         """
-        self.best, self.score = fit, score
+        parent, self.best, self.score = self.best, fit, score
         if not fit.problem.learns or self.late or abs(fit.prior_weight / fit.problem.size - 1.0) <= MATERIAL:
             return
         try:
             weighted = self.converged(fit, fit.prior_weight)
-            if (other := self.scored(weighted)) < (1 + MATERIAL) * score:
+            if (other := self.scored(weighted)) < (1 + MATERIAL) * score and not strays(weighted, parent):
                 self.best, self.score = weighted, other
         except PliantError:
             return
@@ -145,7 +147,11 @@ class RunningSearch:
             raise KeyboardInterrupt
 
     def keep(self, score: float, title: str, fit: FittedModel) -> None:
-        """Keep a model as a possible rival of the chosen one; those with the lowest criteria stay."""
+        """Keep a model as a possible rival of the chosen one, unless it is not to be trusted beyond the recordings.
+        Those with the lowest criteria stay.
+        """
+        if len(fit.free) > len(self.best.free) and strays(fit, self.best):
+            return
         self.others = sorted([*self.others, (score, title, fit)], key=lambda c: c[0])[:MOST_OTHERS]
 
     def vague(self, term: Term, errors: Mapping[str, float | None]) -> dict[str, str]:

@@ -17,6 +17,7 @@ from pliant.selection.criterion import (
     at_bounds,
     by_percent,
     cost_without,
+    strays,
 )
 from pliant.selection.fitted import (
     TOLERANCE,
@@ -166,6 +167,8 @@ class Search(RunningSearch):
         if ends := at_bounds(fit, term):
             return False, trial._replace(reason=f"its fit ends at a bound: {', '.join(ends)}")
         helps = score <= (1 - MATERIAL) * self.score
+        if helps and (reason := strays(fit, self.best)):
+            return False, trial._replace(reason=reason)
         return helps, trial._replace(
             reason=f"left-out parts are predicted {'better' if helps else 'no better'} (error {by})")
 
@@ -209,8 +212,8 @@ class Search(RunningSearch):
         """Return criterion and fit of the model without a term; None if the model needs the term.
 
         A term is needed if left-out parts are predicted worse without it: by 3 % in the sum of squares or, if the
-        recordings do not determine the term, by 10 %. A term whose loss, by linearisation, raises the cost beyond doubt
-        is not fitted.
+        recordings do not determine the term, by 10 %; or if the fit without it is not to be trusted beyond the
+        recordings. A term whose loss, by linearisation, raises the cost beyond doubt is not fitted.
         """
         vague = self.vague(term, self.best.standard_errors)
         beyond = not vague and not term.replaces and cost_without(self.best, term) > (1 + 2 * MATERIAL) * self.best.cost
@@ -222,7 +225,8 @@ class Search(RunningSearch):
             return None
         score = self.scored(end)
         self.keep(score, f"without {term.title}", end)
-        return (score, end, term) if score < (1 + (MUCH if vague else MATERIAL)) * self.score else None
+        dropped = score < (1 + (MUCH if vague else MATERIAL)) * self.score and not strays(end, self.best)
+        return (score, end, term) if dropped else None
 
     def settle_parameters(self) -> bool:
         """Hold each undetermined time, angle or limit of a term at its value, and let every other undetermined
