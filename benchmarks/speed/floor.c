@@ -9,7 +9,7 @@
 
 typedef struct {
     double B[N][N], I[N], h[N], gx, gy;
-    double base, theta0[N], K[N], D[N], K2[N], unloaded[N], K3[N], R[N];
+    double base, theta0[N], K[N], D[N], K2[N], unloaded[N], K3[N];
 } Chain;
 
 INLINE void factor(double A[N][N], double d[N]) { /* the lower triangle to L, d to the inverse of D */
@@ -33,10 +33,9 @@ INLINE void springs(const Chain *m, const double phi[N], const double w[N], cons
     EACH(i, 0, N) {
         double dq = w[i] - rate, q = phi[i] - angle - m->theta0[i];
         double more = phi[i] - angle - m->unloaded[i] + ahead * dq;
-        double r = 1.0 / sqrt(1.0 + m->R[i] * more * more), third = 2.0 / 3.0 * m->K2[i] * r;
-        double bent = (third * (2.0 + r) / (1.0 + r) + m->K3[i] * more) * more * more;
+        double bent = (m->K2[i] + m->K3[i] * more) * more * more;
         t[i] = torque[i] - m->K[i] * (q + ahead * dq) - bent - m->D[i] * dq;
-        slope[i] = m->K[i] + (third * (2.0 + r * r) + 3.0 * m->K3[i] * more) * more;
+        slope[i] = m->K[i] + (2.0 * m->K2[i] + 3.0 * m->K3[i] * more) * more;
         angle = phi[i];
         rate = w[i];
     }

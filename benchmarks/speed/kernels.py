@@ -68,12 +68,12 @@ def floor_c() -> Any:
 def constants(model: Model) -> Array:
     """Return the parameters of a model of five links as one array, in the order of the C struct `Chain` in floor.c."""
     body, joints = mechanics_of(model).body, mechanics_of(model).joints
-    second, third, *later, scale = joints.hardening  # the law in the form that floor.c uses
+    second, third, *later = joints.hardening  # the law in the form that floor.c uses
     if np.any(later):
-        raise InputError("floor.c has the first two terms of the springs only: use a model without later terms")
+        raise InputError("floor.c has the first two terms of the springs only: use a model without others and bounds")
     parts = (
         body.B, body.I, body.h, body.gx, body.gy, joints.base_angle, joints.theta0, joints.K, joints.D, second,
-        joints.unloaded, third, scale,
+        joints.unloaded, third,
     )
     return np.concatenate([np.ravel(part) for part in parts]).astype(float)
 

@@ -19,7 +19,7 @@ typedef struct { double xx, yx, yy, zx, zy, zz; } Sym;
 typedef struct {
     double length[L + 1], mass[L], centre[L], lateral[L], axial[L];
     V rest[L][3], base[3], g; /* columns */
-    double K[N], D[N], K2[N], K3[N], R[N];
+    double K[N], D[N], K2[N], K3[N];
 } Chain;
 
 static const double C4[SERIES] = { /* (-1)^j / (2 j + 4)! */
@@ -155,9 +155,8 @@ INLINE void inertial(const Chain *m, const Pose *p, const double v[N], double f[
 }
 
 INLINE void law(const Chain *m, int i, double x, double *more, double *slope) { /* beyond the linear spring */
-    double r = 1 / sqrt(1 + m->R[i] * x * x), third = 2.0 / 3 * m->K2[i] * r;
-    *more = (third * (2 + r) / (1 + r) + m->K3[i] * x) * x; /* torque over angle */
-    *slope = (third * (2 + r * r) + 3 * m->K3[i] * x) * x;
+    *more = (m->K2[i] + m->K3[i] * x) * x; /* torque over angle */
+    *slope = (2 * m->K2[i] + 3 * m->K3[i] * x) * x;
 }
 
 INLINE void springs(const Chain *m, const double q[N], const double v[N], const double torque[N], double half, double t[N],

@@ -106,7 +106,7 @@ def test_kernels_and_the_file(tmp_path):
 
 def test_the_floor_in_plain_c_does_the_same_mathematics():
     """Written by hand, beside kernels that were recorded from the text: a thousand steps, and every derivative."""
-    model = chen2018.model(gravity=[1.0, -9.0], stiffening=-0.3, stiffening_bound=0.7, rest_angle=0.02, base_angle=0.1)
+    model = chen2018.model(gravity=[1.0, -9.0], stiffening=-0.3, cubic_stiffening=0.2, rest_angle=0.02, base_angle=0.1)
     floor, n, torque = kernels.Floor(model), 5, np.linspace(0.05, 0.08, 5)
     if floor.code is None:
         pytest.skip("no C compiler")

@@ -8,6 +8,7 @@ from oracles.space import random_space_chain
 
 from pliant.compiler.choose import dual_twin, twin
 from pliant.compiler.duals import SLOTS, WIDTH, duals
+from pliant.compiler.trace import BOUNDED
 from pliant.compiler.trace import planar_workspace as workspace
 from pliant.equations import motion, spatial
 from pliant.equations.elastic import ROWS
@@ -78,11 +79,11 @@ def test_values_are_those_of_floats_and_slopes_those_of_complex_steps(rng, case)
     slopes = [rng.normal(size=(*a.shape, WIDTH)) * (np.abs(a)[..., None] + 1e-3) for a in numbers]
     dual = [duals(a, d) for a, d in zip(numbers, slopes, strict=True)]
     shared(given, dual)
-    dual_twin(kernel, links, segments)(*rebuilt(given, iter(dual)))
+    dual_twin(kernel, links, segments, axial=BOUNDED)(*rebuilt(given, iter(dual)))
 
     real = [a.copy() if a.ndim else float(a) for a in numbers]
     shared(given, real)
-    twin(kernel, links, segments)(*rebuilt(given, iter(real)))
+    twin(kernel, links, segments, axial=BOUNDED)(*rebuilt(given, iter(real)))
     text = extensible_step if segments else kernel
     for k in range(WIDTH):
         tilted = [a + 1j * TINY * d[..., k] for a, d in zip(numbers, slopes, strict=True)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import shutil
@@ -270,6 +271,21 @@ def test_what_is_compiled_knows_the_rules_of_all_numbers_from_the_beginning(monk
     kernel._cache.disable()
     kernel.compile((types.float64,))
     assert loaded == ["pliant.compiler.dual_numbers"]
+
+
+@pytest.mark.parametrize("usual", [700, 0])
+def test_garbage_is_sought_rarely_while_a_kernel_is_compiled(monkeypatch, usual):
+    """Then as before; never where the caller switched the search off."""
+    during, before = [], gc.get_threshold()
+    monkeypatch.setattr(kernel_cache, "import_module", lambda _: during.append(gc.get_threshold()[0]))
+    kernel = cache.kept(doubled_0)
+    kernel._cache.disable()
+    gc.set_threshold(usual, *before[1:])
+    try:
+        kernel.compile((types.float64,))
+        assert (during, gc.get_threshold()[0]) == ([cache.OBJECTS if usual else 0], usual)
+    finally:
+        gc.set_threshold(*before)
 
 
 def doubled_0(x):

@@ -10,6 +10,7 @@ import pytest
 
 from pliant.compiler import trace
 from pliant.compiler.choose import straight, twin
+from pliant.compiler.trace import BOUNDED, recording
 from pliant.compiler.trace import planar_workspace as workspace
 from pliant.equations import energy, motion
 from pliant.equations.elastic import ROWS
@@ -49,12 +50,27 @@ def test_straight_line_gives_the_numbers_of_the_loops(rng, n, kernel):
     two = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in one.items()}
     two["work"], two["out"] = workspace(n), Slopes(*map(np.zeros_like, one["out"]))
     call(kernel, kernel, one)
-    call(kernel, straight(kernel, n), two)
+    call(kernel, straight(kernel, n, 0, 1, 0, BOUNDED), two)
     pairs = [(one[name], two[name]) for name in ("phi", "w")] + list(zip(one["out"], two["out"], strict=True))
     for a, b in pairs:
         np.testing.assert_allclose(b, a, rtol=1e-11, atol=1e-11 * (1 + np.abs(a).max()))
     if kernel is motion.step:
         np.testing.assert_allclose(two["work"].a, one["work"].a, rtol=1e-11)
+
+
+def test_a_square_root_is_computed_only_where_a_spring_is_bounded(rng):
+    """Without a bound a step has no square root, and the numbers of a bound R = 0 to the bit."""
+    roots = [sum(what == "sqrt" for what, _ in recording(motion.step, 5, 0, 1, 0, laws).rows) for laws in (0, BOUNDED)]
+    assert roots == [0, 5]
+    given = arguments(rng, 5)
+    given["joints"].hardening[-1] = 0.0
+    less = given["joints"]._replace(hardening=given["joints"].hardening[:-1].copy())
+    results = []
+    for laws, joints in ((BOUNDED, given["joints"]), (0, less)):
+        one = {**given, "phi": given["phi"].copy(), "w": given["w"].copy(), "joints": joints, "work": workspace(5)}
+        call(motion.step, straight(motion.step, 5, 0, 1, 0, laws), one)
+        results.append([*one["phi"], *one["w"]])
+    assert results[0] == results[1]
 
 
 def test_arguments_of_other_sizes_are_refused(rng):

@@ -179,7 +179,7 @@ def test_d13_recorded_at_75_hertz():
 def test_d15_springs_are_straight_unless_told_otherwise():
     model = chen2018.model()
     assert np.array_equal(model.stiffening, np.zeros(5))
-    assert np.array_equal(mechanics_of(model).joints.hardening, np.zeros((3, 5)))
+    assert np.array_equal(mechanics_of(model).joints.hardening, np.zeros((2, 5)))
 
 
 def test_d14_the_default_rule_follows_the_stiff_reference():

@@ -20,6 +20,7 @@ from oracles.space import (
 from test_spatial_step import many, run, stored
 
 from pliant.compiler.choose import twin
+from pliant.compiler.trace import BOUNDED
 from pliant.compiler.twin import makes_arrays, reached, rebuild
 from pliant.equations import extension, spatial, spatial_points, tendon
 from pliant.equations.symbols import SpatialBody, SpatialJoints
@@ -224,7 +225,7 @@ def test_compiled_is_what_is_written_and_makes_no_arrays(rng):
 
     chain = lengthening(random_space_chain(rng, 2), rng, 2)
     results = []
-    for step in (spatial.step, twin(spatial.step), twin(spatial.step, 2, 2, 2, 0)):
+    for step in (spatial.step, twin(spatial.step), twin(spatial.step, 2, 2, 2, 0, BOUNDED)):
         x, v = chain.x.copy(), chain.v.copy()
         step(x, v, 1e-3, np.full(6, 0.01), chain.body, chain.joints, chain.work())
         results.append(np.concatenate([x, v]))

@@ -9,6 +9,7 @@ from oracles.space import lengthening, random_space_chain
 from test_spatial_step import run, stored
 
 from pliant.compiler.choose import twin
+from pliant.compiler.trace import BOUNDED, CURVED
 from pliant.equations import spatial, spatial_points, spatial_springs
 from pliant.equations.elastic import TERMS, spring_curvature, spring_slope
 
@@ -113,7 +114,7 @@ def test_without_ties_the_strain_leaves_the_bend_alone(rng):
 def test_compiled_is_what_is_written(rng):
     chain = tied(rng, 2, 2)
     results = []
-    for step in (spatial.step, twin(spatial.step), twin(spatial.step, 2, 2, 2, 0, 1)):
+    for step in (spatial.step, twin(spatial.step), twin(spatial.step, 2, 2, 2, 0, CURVED + BOUNDED)):
         x, v = chain.x.copy(), chain.v.copy()
         step(x, v, 1e-3, np.full(6, 0.01), chain.body, chain.joints, chain.work())
         results.append(np.concatenate([x, v]))

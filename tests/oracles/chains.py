@@ -44,8 +44,8 @@ class Chain(NamedTuple):
 
     def joints(self):
         own = {name: np.array(getattr(self, name)) for name in ("theta0", "K", "D")}
-        scale = np.full(self.n, self.bend_scale)
-        hardening = np.stack([self.K * self.stiffening, self.K * self.cubic_stiffening, scale])
+        bound = [np.full(self.n, self.bend_scale)] if self.bend_scale else []
+        hardening = np.stack([self.K * self.stiffening, self.K * self.cubic_stiffening, *bound])
         return Joints(self.base_angle, **own, hardening=hardening, unloaded=np.array(self.theta0))
 
     def actuator(self):

@@ -21,6 +21,8 @@ from pliant.batch.simd_loops import Lane, Output
 from pliant.compiler import WIDTH
 from pliant.compiler.choose import lane_twin
 from pliant.compiler.simd import aligned
+from pliant.compiler.trace import BOUNDED, spring_rows
+from pliant.equations.spring_terms import SPRING_BOUND
 from pliant.mechanics.springs import springs_of
 from pliant.model import Valve
 from pliant.simulation import march_loops
@@ -153,11 +155,16 @@ def constant_arrays(samples: Samples) -> list[Array]:
     springs, link lengths.
     """
     v = samples.values
-    springs = springs_of(v)
-    joints = np.stack([v["rest_angle"], springs.K, v["damping"], v["joint_gain"], *springs.hardening])
+    springs, rows = springs_of(v), spring_rows(laws_of(samples))
+    joints = np.stack([v["rest_angle"], springs.K, v["damping"], v["joint_gain"], *springs.hardening[:rows]])
     base = v["base_length"] * np.stack([-np.sin(v["base_angle"]), np.cos(v["base_angle"])])
     lengths = np.concatenate([v["link_length"], base, v["base_angle"][None]])
     return [*samples.inertia(), samples.values["gravity"], joints, lengths]
+
+
+def laws_of(samples: Samples) -> int:
+    """Return the laws of N samples that `choose.twin` takes: whether the softening of a spring is bounded."""
+    return BOUNDED * bool(samples.values[SPRING_BOUND].any())
 
 
 def in_groups(a: Array) -> Array:
@@ -197,7 +204,7 @@ class Groups:
     def prepare(self) -> None:
         """Convert the samples' constants to group arrays and compile the loop for them."""
         self.constants = [in_groups(a) for a in (*constant_arrays(self.samples), self.start)]
-        self.march = lane_twin(simd_loops.march_lanes, self.samples.template.n)
+        self.march = lane_twin(simd_loops.march_lanes, self.samples.template.n, 0, 1, 0, laws_of(self.samples))
 
     def members(self, group: int) -> tuple[slice, list[int]]:
         """Return the samples of a group as a slice, and the sample index in each element of its SIMD vector."""

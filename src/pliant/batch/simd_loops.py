@@ -48,7 +48,7 @@ class Lane(NamedTuple):
     """Model constants of a SIMD group of samples, as arrays with the samples along the last axis."""
 
     body: tuple[np.ndarray, ...]  # B (n, n, W), I (n, W), h (n, W), gravity (2, W)
-    joints: np.ndarray  # (5 + terms, n, W) theta0, K, D, gain, hardening
+    joints: np.ndarray  # (4 + rows of hardening, n, W) theta0, K, D, gain, hardening
     place: np.ndarray  # (n + 3, W) lengths of the links, first joint, base angle
 
 
@@ -151,7 +151,7 @@ def hold_lanes(h, steps, chambers, samples, state, scratch, failed):
     the pressures in `chambers` change in place.
 
     Groups come first, samples last: state (G, 2, n, W) the angles and rates, changed in place; `samples` (`Lane`) with
-    a body of (G, ...), joints (G, 5 + terms, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch
+    a body of (G, ...), joints (G, 4 + rows, n, W) and place (G, n + 3, W); chambers (`Commanded`); h (1, W); scratch
     as in `march_lanes`; failed (G, W) is set to 1 for a chain that fails, and to 0 for the others.
     """
     n = state.shape[2]

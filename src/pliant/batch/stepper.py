@@ -155,7 +155,7 @@ class OnLanes(LanePool):
         n, a = models[0].n, self._arrays
         self._samples = Lane((a["B"], a["I"], a["h"], a["gravity"]), a["joints"], a["place"])
         self._scratch = tuple(aligned(shape) for shape in ((n, n, WIDTH), (n, n, WIDTH), (7, n + 1, WIDTH)))
-        self._hold = lane_twin(simd_loops.hold_lanes, n)
+        self._hold = lane_twin(simd_loops.hold_lanes, *mechanics_of(models[0]).sizes)
 
     def advance(self, steps: int) -> None:
         self._hold(self._h, steps, self._chambers, self._samples, self._state, self._scratch, self._failed)

@@ -6,6 +6,9 @@ a version of Numba that lacks one of them, kernels are compiled again in every p
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from types import FunctionType
 from typing import Any
@@ -23,6 +26,7 @@ except (ImportError, AttributeError):  # a Numba version with other private name
     kernel_cache = None  # type: ignore[assignment]
 
 __all__ = ["alone", "kept", "kernel_cache", "part"]
+OBJECTS = 100_000  # made between two searches for cyclic garbage; a kernel makes millions
 
 
 def has_array(kind: Any) -> bool:
@@ -72,7 +76,7 @@ def store(compiled: Any) -> None:
     lock, compile_now = compiled._cache.index.with_suffix(".lock"), compiled.compile  # noqa: SLF001
 
     def compile_alone(signature: Any) -> Any:
-        with global_compiler_lock:  # before the file's lock: in another order two threads could deadlock
+        with global_compiler_lock, rare_collections():  # the lock first: two threads could deadlock in another order
             with alone(lock) as first:
                 if first:
                     return compile_now(signature)
@@ -83,6 +87,19 @@ def store(compiled: Any) -> None:
                 compiled._cache.enable()  # noqa: SLF001
 
     compiled.compile = compile_alone
+
+
+@contextmanager
+def rare_collections() -> Iterator[None]:
+    """Context manager in which Python looks for cyclic garbage less often. Most objects that Numba makes live until a
+    kernel is compiled, so that looking for others took a tenth of the time.
+    """
+    before = gc.get_threshold()
+    gc.set_threshold(OBJECTS if before[0] else 0, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 @cache

@@ -109,8 +109,9 @@ def twin(
     With a number of `links`, the steps inside it are the fastest for this number, see `substitutes`. If `segments` > 0
     segments lengthen, the steps are those of `equations.extension`. If each joint has 2 or 3 rotational coordinates
     (`turns`), the steps are those of `equations.spatial`, or with `tendons` of `equations.tendon`. `axial` is a sum of
-    `trace.CURVED` and `trace.REMEMBERS`, laws of segments beyond linear springs and dampers, and for a chain in space
-    of `trace.TURNS`, a base that turns, and `trace.FRICTION`, hysteresis of joints or segments.
+    `trace.CURVED` and `trace.REMEMBERS`, laws of segments beyond linear springs and dampers, `trace.BOUNDED`, a spring
+    whose softening is bounded, and for a chain in space of `trace.TURNS`, a base that turns, and `trace.FRICTION`,
+    hysteresis of joints or segments.
     """
     return ready(kernel, "", "float", links, segments, turns, tendons, axial)
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pliant.equations.elastic import ROWS
+from pliant.equations.elastic import ROWS, TERMS
 from pliant.equations.symbols import (
     Body,
     ExtensibleBody,
@@ -36,6 +36,7 @@ READ = {"inertial_forces": KEPT["build_step"]}  # scratch arrays from which a ke
 
 CURVED, REMEMBERS = 1, 2  # laws of segments that lengthen: springs that soften or stiffen, hysteresis
 TURNS, FRICTION = 4, 8  # in space: the base turns in a prescribed way; joints or segments have hysteresis
+BOUNDED = 16  # a spring of a joint or segment whose softening is bounded
 
 
 class Tape:
@@ -188,7 +189,12 @@ def planar_workspace(n: int, segments: int = 0, kind: type = float) -> Any:
     return ExtensibleWorkspace(*(np.zeros(sizes.get(f, (N,)), dtype=kind) for f in ExtensibleWorkspace._fields))
 
 
-def example_arguments(n: int) -> dict[str, Any]:
+def spring_rows(laws: int) -> int:
+    """Return the number of rows of `hardening` in the joints of a chain with the given laws."""
+    return ROWS if laws & BOUNDED else TERMS
+
+
+def example_arguments(n: int, laws: int = 0) -> dict[str, Any]:
     """Return {name: zeros} with the shapes of all arguments that the kernels of a planar chain of n links may have."""
 
     def zeros(*shape: int) -> np.ndarray:
@@ -197,7 +203,7 @@ def example_arguments(n: int) -> dict[str, Any]:
     return {
         "phi": zeros(n), "w": zeros(n), "h": 0.0, "torque": zeros(n),
         "body": Body(zeros(n, n), zeros(n), zeros(n), 0.0, 0.0),
-        "joints": Joints(0.0, zeros(n), zeros(n), zeros(n), zeros(ROWS, n), zeros(n)),
+        "joints": Joints(0.0, zeros(n), zeros(n), zeros(n), zeros(spring_rows(laws), n), zeros(n)),
         "work": planar_workspace(n),
         "a": zeros(n), "total": zeros(3), "out": Slopes(zeros(n), zeros(n, n), zeros(n, n)),
     }
@@ -220,7 +226,7 @@ def extensible_arguments(n: int, segments: int, axial: int = 0) -> dict[str, Any
         "w": zeros(size), "total": zeros(3),
         "body": ExtensibleBody(zeros(n + 1, n + 1), zeros(n + 1), zeros(n + 1), zeros(n + 1, segments), 0.0, 0.0),
         "joints": ExtensibleJoints(
-            0.0, zeros(n), zeros(size), zeros(size), zeros(ROWS, curved), zeros(n), zeros(moved),
+            0.0, zeros(n), zeros(size), zeros(size), zeros(spring_rows(axial), curved), zeros(n), zeros(moved),
         ),
         "work": planar_workspace(n, segments),
     }
@@ -272,7 +278,8 @@ def spatial_arguments(
             zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0, *behind,
         ),
         "joints": SpatialJoints(
-            0.0, zeros(size), zeros(size), zeros(size), zeros(ROWS, n * turns + curved), zeros(n),
+            0.0, zeros(size), zeros(size), zeros(size), zeros(spring_rows(axial), n * turns + curved),
+            zeros(n),
             zeros(rows, 3), zeros(n, curved),
         ),
         "work": spatial_workspace(n, turns, segments, tendons),
@@ -305,7 +312,7 @@ def examples_of(
     if turns > 1:
         examples = spatial_arguments(n, segments, turns, tendons, axial, remembers=remembers)
     else:
-        examples = extensible_arguments(n, segments, axial) if segments else example_arguments(n)
+        examples = extensible_arguments(n, segments, axial) if segments else example_arguments(n, axial)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
     return {name: examples[name] for name in names}
 

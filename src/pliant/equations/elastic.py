@@ -8,7 +8,7 @@ from pliant.equations.spring_terms import SPRING_TERMS
 
 LEAST_STRETCH = 0.05  # smallest admissible ratio of a segment's length to its unstretched length
 TERMS = len(SPRING_TERMS)  # nonlinear terms of a spring's torque: the first rows of `symbols.Joints.hardening`
-ROWS = TERMS + 1  # of `hardening`; the last one, R, bounds the change of the slope by the first term
+ROWS = TERMS + 1  # of `hardening` if a spring is bounded: the last one, R, bounds the slope of the first term
 TWO_THIRDS = 2.0 / 3.0
 
 
@@ -24,16 +24,26 @@ def spring_torque(i, joints, q, bend):
     term then goes from 0 at rest to -f K at large angles on the side that softens, and to f K on the other side. For
     f < 1 the slope of K q and this term together stays positive. R = 0 means no bound.
 
-    Only this and the next three functions contain the law of the springs. For whole arrays, i is a slice of joints.
+    Only this and the next four functions contain the law of the springs. For whole arrays, i is a slice of joints.
 
     Paper: Eq. (5) [eq:eom]
     """
     more = 0.0 * bend
     for k in range(TERMS - 1, 0, -1):
         more = (more + joints.hardening[k, i]) * bend
-    r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    r = 1.0 / bound_root(i, joints, bend)
     more = more + joints.hardening[0, i] * (r * (2.0 + r) / (1.0 + r) * TWO_THIRDS)
     return joints.K[i] * q + more * bend * bend
+
+
+def bound_root(i, joints, bend):
+    """Return 1 / r of `spring_torque` for the spring of joint i at the angle `bend` [rad].
+
+    Where no spring of a chain is bounded, `hardening` has no row for R, and no square root is computed.
+    """
+    if joints.hardening.shape[0] > TERMS:
+        return np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    return 1.0
 
 
 def spring_slope(i, joints, bend):
@@ -45,7 +55,7 @@ def spring_slope(i, joints, bend):
     more = 0.0 * bend
     for k in range(TERMS - 1, 0, -1):
         more = (more + (k + 2.0) * joints.hardening[k, i]) * bend
-    r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    r = 1.0 / bound_root(i, joints, bend)
     more = more + joints.hardening[0, i] * (r * (2.0 + r * r) * TWO_THIRDS)
     return joints.K[i] + more * bend
 
@@ -61,9 +71,10 @@ def spring_curvature(i, joints, bend):
     for k in range(TERMS - 1, 0, -1):
         third = third * bend + (k + 2.0) * (k + 1.0) * k * joints.hardening[k, i]
         second = (second + (k + 2.0) * (k + 1.0) * joints.hardening[k, i]) * bend
-    r = 1.0 / np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    r = 1.0 / bound_root(i, joints, bend)
     bounded = 2.0 * joints.hardening[0, i] * (r * r * r * r * r)
-    third = third - 5.0 * joints.hardening[TERMS, i] * bend * r * r * bounded
+    if joints.hardening.shape[0] > TERMS:
+        third = third - 5.0 * joints.hardening[TERMS, i] * bend * r * r * bounded
     return second + bounded, third
 
 
@@ -73,7 +84,7 @@ def spring_energy(i, joints, q, bend):
 
     K q^2 / 2 + K2 bend^3 (2/3) / (1 + 1/r) + K3 bend^4 / 4, with q, bend and r as in `spring_torque`.
     """
-    root = np.sqrt(1.0 + joints.hardening[TERMS, i] * bend * bend)
+    root = bound_root(i, joints, bend)
     more = joints.hardening[0, i] * bend * bend * bend * (TWO_THIRDS / (1.0 + root))
     for k in range(1, TERMS):
         term = joints.hardening[k, i] * bend * bend * bend

@@ -97,7 +97,7 @@ class Joints(NamedTuple):
     theta0: np.ndarray  # (n,) rad, rest angle of each joint; theta0[0] is measured from the base tangent
     K: np.ndarray  # (n,) N m/rad
     D: np.ndarray  # (n,) N m s/rad
-    hardening: np.ndarray  # (terms + 1, n) K2 [N m/rad^2], K3 [N m/rad^3] ..., bound R [1/rad^2] of springs: `elastic`
+    hardening: np.ndarray  # (terms, n) K2 [N m/rad^2], K3 [N m/rad^3] ... and, if a spring has one, bound R [1/rad^2]
     unloaded: np.ndarray  # (n,) rad, theta0 without the shift by hysteresis; K2, K3 ... act on the angle from here
     spin: np.ndarray = AT_REST  # (2,) rate [rad/s] and acceleration [rad/s^2] of the base's turn, see `base`
 
@@ -114,7 +114,7 @@ class ExtensibleJoints(NamedTuple):
     theta0: np.ndarray  # (n,) rad
     K: np.ndarray  # (n + S,) N m/rad; EA L [N m] of the segments
     D: np.ndarray  # (n + S,) N m s/rad; axial damping times L [N m s]
-    hardening: np.ndarray  # (terms + 1, n) or (terms + 1, n + S); of the segments EA L times s and a, and R
+    hardening: np.ndarray  # (terms, n) or (terms, n + S), and R, see `Joints`; of the segments EA L times s and a
     unloaded: np.ndarray  # (n,) rad
     rest: np.ndarray  # (S,) strains at which the linear axial springs hold nothing, which hysteresis moves; or (0,)
     spin: np.ndarray = AT_REST  # (2,) rate [rad/s] and acceleration [rad/s^2] of the base's turn, see `base`
@@ -131,7 +131,7 @@ class SpatialJoints(NamedTuple):
     theta0: np.ndarray  # (N,) rad, 0
     K: np.ndarray  # (N,) N m/rad
     D: np.ndarray  # (N,) N m s/rad
-    hardening: np.ndarray  # (terms + 1, T + S) of T angles and S strains; S = 0 if all axial springs are linear
+    hardening: np.ndarray  # (terms, T + S), and R, of T angles and S strains; S = 0 if all axial springs are linear
     unloaded: np.ndarray  # (n,) 0
     line: np.ndarray  # (m, 3) linear functions of hysteresis in a step, see `spatial_memory`; no rows without it
     tied: np.ndarray  # (n, S) 1 where the strain of a segment changes the stiffness of a joint, else 0; S as above

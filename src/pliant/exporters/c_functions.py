@@ -89,7 +89,7 @@ def rest_shape(model: Model) -> dict[str, Any]:
     space the dict also holds the radius, the stiffness ratios, and the constants of tendons.
     """
     chain = mechanics_of(model)
-    curves = CURVES if chain.axial_laws & CURVED else ()
+    curves = CURVES if chain.laws & CURVED else ()
     segments = model.extensions
     axial = {f"axial_{field}": np.array([getattr(e, field) or 0.0 for e in segments])
              for field in ("stiffness", "damping", *curves)}  # fmt: skip

@@ -79,7 +79,7 @@ def structure(model: Model) -> dict[str, str]:
     remembering, columns = chain.memory_shape
     counts = len(memory.creep_share), len(memory.slip_share), int(memory.boucwen_share > 0)
     axial = len(memory.axial_creep_share), len(memory.axial_slip_share)
-    curved = bool(chain.axial_laws & CURVED)
+    curved = bool(chain.laws & CURVED)
     points = [(p.along, p.across, p.aside) for p in model.points]
     return {
         "LINKS": repr(model.n), "SEGMENTS": repr(len(model.extensions)),

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from pliant.compiler.trace import CURVED, REMEMBERS
+from pliant.compiler.trace import BOUNDED, CURVED, REMEMBERS
 from pliant.equations.symbols import Past, Sight, StepSlopes
 from pliant.mechanics.complex_slopes import complex_slopes
 from pliant.mechanics.naming import Naming
@@ -152,10 +152,13 @@ class Mechanics(Naming):
         return table
 
     @cached_property
-    def axial_laws(self) -> int:
-        """Laws of the segments as a bit mask: 1 for nonlinear springs, 2 for hysteresis, 0 for neither."""
+    def laws(self) -> int:
+        """Laws beyond linear springs and dampers, as the sum that `choose.twin` takes: nonlinear springs of segments,
+        their hysteresis, springs whose softening is bounded.
+        """
         curved = any(e.curved for e in self.model.extensions)
-        return CURVED * curved + REMEMBERS * self.model.memory.has_axial
+        bounded = self.model.stiffening_bound.any() or any(e.stiffening_bound for e in self.model.extensions)
+        return CURVED * curved + REMEMBERS * self.model.memory.has_axial + BOUNDED * bool(bounded)
 
     @abstractmethod
     def coordinates(self, q: Float[Array, "... N"]) -> Float[Array, "... N"]:

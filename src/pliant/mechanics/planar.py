@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pliant.compiler.choose import twin
-from pliant.compiler.trace import CURVED, REMEMBERS, planar_workspace
+from pliant.compiler.trace import CURVED, REMEMBERS, planar_workspace, spring_rows
 from pliant.equations import chain, energy, extension, inertia, motion
 from pliant.equations.elastic import LEAST_STRETCH, spring_slope, spring_torque
 from pliant.equations.observation import ALONG_X, ALONG_Y, ANGLE
@@ -97,14 +97,15 @@ class PlanarChain(PlanarNaming, Mechanics):
         model = self.model
         axial = np.reshape([(e.stiffness, e.damping) for e in model.extensions], (-1, 2)).T * model.segment_length
         K, D = np.append(model.stiffness, axial[0]), np.append(model.damping, axial[1])
-        hardening = springs.springs_of(model).hardening
+        rows = spring_rows(self.laws)
+        hardening = springs.springs_of(model).hardening[:rows]
         # copies: kernels are compiled anew for each mixture of arrays that may and may not be written to
         values = model.base_angle, np.array(model.rest_angle), K, D
         if not self.segments:
             return Joints(*values, hardening, np.array(model.rest_angle))
-        if self.axial_laws & CURVED:
-            hardening = np.concatenate([hardening, springs.axial_springs_of(model).hardening], axis=1)
-        moved = np.zeros(self.segments if self.axial_laws & REMEMBERS else 0)
+        if self.laws & CURVED:
+            hardening = np.concatenate([hardening, springs.axial_springs_of(model).hardening[:rows]], axis=1)
+        moved = np.zeros(self.segments if self.laws & REMEMBERS else 0)
         return ExtensibleJoints(*values, hardening, np.array(model.rest_angle), moved)
 
     def workspace(self, kind: type = float) -> Workspace | ExtensibleWorkspace:
@@ -130,7 +131,7 @@ class PlanarChain(PlanarNaming, Mechanics):
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        laws = (1, 0, self.axial_laws) if self.axial_laws else ()
+        laws = (1, 0, self.laws) if self.laws else ()
         return self.n, self.segments, *laws
 
     # coordinates

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pliant.compiler.choose import MOST_TURNS, twin
-from pliant.compiler.trace import CURVED, FRICTION, TURNS, spatial_workspace
+from pliant.compiler.trace import CURVED, FRICTION, TURNS, spatial_workspace, spring_rows
 from pliant.equations import spatial, spatial_points, spatial_springs, tendon
 from pliant.equations.elastic import LEAST_STRETCH
 from pliant.equations.observation import ALONG_X, ALONG_Y, ALONG_Z
@@ -100,13 +100,14 @@ class SpatialChain(SpatialNaming, Mechanics):
     @cached_property
     def joints(self) -> SpatialJoints:
         law, ratio, twist = springs.springs_of(self.model), self.space.stiffness_ratio, self.space.twist_ratio
+        rows = spring_rows(self.laws)
         axial = np.reshape([(e.stiffness, e.damping) for e in self.model.extensions], (-1, 2)).T
         pairs = zip((self.model.stiffness, self.model.damping), axial * self.model.segment_length, strict=True)
         K, D = (np.append(self.each_coordinate(v, ratio * v, twist * v), strains) for v, strains in pairs)
-        terms = np.array([self.each_coordinate(row, 0.0 * row, 0.0 * row) for row in law.hardening])
+        terms = np.array([self.each_coordinate(row, 0.0 * row, 0.0 * row) for row in law.hardening[:rows]])
         tied = np.zeros((self.n, 0))
-        if self.axial_laws & CURVED:
-            terms = np.concatenate([terms, springs.axial_springs_of(self.model).hardening], axis=1)
+        if self.laws & CURVED:
+            terms = np.concatenate([terms, springs.axial_springs_of(self.model).hardening[:rows]], axis=1)
             tied = tied_joints(self.model)
         return SpatialJoints(0.0, np.zeros(self.size), K, D, terms, np.zeros(self.n), np.zeros((0, 3)), tied)
 
@@ -138,7 +139,7 @@ class SpatialChain(SpatialNaming, Mechanics):
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        laws = self.axial_laws + TURNS * self.model.moving_base + FRICTION * bool(self.model.memory)
+        laws = self.laws + TURNS * self.model.moving_base + FRICTION * bool(self.model.memory)
         return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.levers), laws
 
     # coordinates

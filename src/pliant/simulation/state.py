@@ -131,7 +131,7 @@ def first_given_way(model: Model, times: Array, phi: Array) -> str:
     """
     slopes = springs.springs_of(model).slope(mechanics_of(model).joint_angles(phi))
     gone = (slopes <= 0).any(axis=1)
-    if mechanics_of(model).axial_laws & CURVED:
+    if mechanics_of(model).laws & CURVED:
         strain = phi[:, phi.shape[1] - len(model.extensions) :]
         gone = gone | (springs.axial_springs_of(model).slope(strain) <= 0).any(axis=1)
     lost = np.flatnonzero(gone)
