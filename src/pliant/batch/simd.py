@@ -18,6 +18,7 @@ from pliant.batch import simd_loops
 from pliant.batch.one_by_one import march_alone
 from pliant.batch.samples import Samples
 from pliant.batch.simd_loops import Lane, Output
+from pliant.batch.space_lanes import shared_steps
 from pliant.compiler import WIDTH
 from pliant.compiler.choose import lane_twin
 from pliant.compiler.simd import aligned
@@ -123,21 +124,9 @@ class Schedule:
         """Return step lengths [s], mean torques [N m] and output rows for a group of samples with different time steps
         or slow chamber states. Steps of length 0 are added so that all have the same number.
         """
-        # each sample is padded to the longest one with steps of length zero
         plans = {i: drive(self.samples.model(i), self.pressure(i), self.times, self.time_step) for i in set(members)}
-        ends = {i: np.flatnonzero(plan.keep >= 0) for i, plan in plans.items()}
-        counts = {i: np.diff(end, prepend=-1) for i, end in ends.items()}
-        longest = np.max(list(counts.values()), axis=0)
-        last = np.cumsum(longest)
-        h, torque = aligned((int(last[-1]), WIDTH)), aligned((int(last[-1]), WIDTH))
-        h[:], torque[:] = 0.0, 0.0
-        for lane, i in enumerate(members):
-            before = np.repeat(last - longest - (ends[i] + 1 - counts[i]), counts[i])
-            rows = np.arange(plans[i].h.size) + before
-            h[rows, lane], torque[rows, lane] = plans[i].h, plans[i].torque[:, 0]
-        keep = np.full(int(last[-1]), -1)
-        keep[last - 1] = np.arange(1, self.times.size)
-        return h, torque, keep
+        steps = shared_steps([plans[i] for i in members], self.times.size)
+        return steps.h, steps.torque[:, 0], steps.keep
 
 
 def outputs(samples: Samples, rows: int, variables: Sequence[str]) -> dict[str, Array]:

@@ -1,21 +1,27 @@
 """Export of a model as a Python module for JAX: one file that imports jax and numpy alone.
 
-The functions are those of the files of `jax_source`, joined. The constants of `jax_source.structure` are the model's.
+The functions are those of the files of `jax_source`, joined, and the kernels of the equations that these import. The
+constants of `jax_source.structure` are the model's.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
+import inspect
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from importlib import import_module
 from importlib.resources import files
 from keyword import iskeyword
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 
+from pliant.compiler.c import tree_of
 from pliant.compiler.trace import CURVED
-from pliant.equations.laws import POLYNOMIAL
+from pliant.equations.laws import LAWS, POLYNOMIAL
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError
 from pliant.exporters.c_functions import DERIVED, UNIT, parameters
@@ -32,7 +38,7 @@ from pliant.model.parts import declared
 from pliant.simulation import state
 
 Array = np.ndarray
-FOLDER = "pliant.exporters.jax_source"
+FOLDER, EQUATIONS = "pliant.exporters.jax_source", "pliant.equations."
 CAN = (RESTING - VALVES) | FIRST_ORDER
 VALVE = ("rise_time", "fall_time", "rise_rate", "fall_rate")
 RUBBER = ("swell_share", "swell_time", "inflation_limit", "inflation_time", "inflation_jm")
@@ -41,7 +47,7 @@ FIXED = ("tied", "dead_time", "boucwen", "valve", "rubber")  # written in anothe
 FAR = 1e300  # in place of an infinite bound
 SAME = 1e-6  # relative difference of two values that are equal but for the rounding of files
 LEAST_WITHIN, STEP = 0.1, 1e-3  # fraction of draws within bounds; step of a derivative over the standard error
-KNOWN_LAWS = ("saturating",)  # those that `jax_source.inputs.lever` computes beside the polynomial
+KNOWN_LAWS = tuple(law.name for law in LAWS)  # those that the kernel `lever` computes beside the polynomial
 FORM = 5  # column of a chamber's constants that holds the number of its torque law
 
 
@@ -176,8 +182,7 @@ def chamber_kinds(chambers: tuple[ActuationInput, ...]) -> tuple[Any, ...]:
     kinds: dict[tuple[Any, ...], list[int]] = {}
     for i, c in enumerate(chambers):
         if c.law not in (POLYNOMIAL, *KNOWN_LAWS):
-            raise InputError(f"torque law {c.law!r}: not expressible in jax: use a polynomial, or add the law to "
-                             "jax_source/inputs.py")  # fmt: skip
+            raise InputError(f"torque law {c.law!r}: not expressible in jax: use a polynomial")
         kind = int(c.kernel()[1 + FORM]), bool(c.swell_share), bool(c.inflation_limit), bool(c.inflation_jm)
         kinds.setdefault(kind, []).append(i)
     return tuple((tuple(rows), *kind) for kind, rows in kinds.items())
@@ -189,15 +194,82 @@ def sources(model: Model) -> list[str]:
     return ["structure", "numerics", "springs", body, "inputs", cords, past, "motion"]
 
 
+def source(name: str) -> str:
+    """Return the text of a file of `jax_source`."""
+    return (files(FOLDER) / f"{name}.py").read_text(encoding="utf-8")
+
+
 def stripped(name: str) -> str:
     """Return the text of a file of `jax_source` without its docstring and imports."""
-    text = (files(FOLDER) / f"{name}.py").read_text(encoding="utf-8")
+    text = source(name)
     rows = text.splitlines()
     for node in reversed(ast.parse(text).body):
         docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
         if docstring or isinstance(node, ast.Import | ast.ImportFrom):
             del rows[node.lineno - 1 : node.end_lineno]
     return "\n".join(rows).strip()
+
+
+def kernels(names: Sequence[str]) -> list[str]:
+    """Return the texts of the kernels and records of the equations that files of `jax_source` import, and of the
+    functions and tables that these use.
+    """
+    texts: dict[str, str] = {}
+    for node in (node for name in names for node in ast.parse(source(name)).body):
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith(EQUATIONS):
+            for alias in node.names:
+                add_kernel(texts, alias.name, getattr(import_module(str(node.module)), alias.name))
+    return list(texts.values())
+
+
+def add_kernel(texts: dict[str, str], name: str, value: Any) -> None:
+    """Add a kernel with what it uses, a record or a table of numbers to the dict `texts` under its name."""
+    if name in texts:
+        return
+    if not isinstance(value, FunctionType):
+        texts[name] = inspect.getsource(value).strip() if isinstance(value, type) else f"{name} = {value!r}"
+        return
+    traced = TracedKernel(value)
+    texts[name] = ast.unparse(traced.visit(deepcopy(tree_of(value))))
+    for other, used in traced.used.items():
+        add_kernel(texts, other, used)
+
+
+class TracedKernel(ast.NodeTransformer):
+    """Translation of a kernel without branches on traced numbers to JAX: NumPy becomes `jax.numpy`, a real part, which
+    a derivative by a complex step leaves out, a part that is not differentiated, and names of numbers their values.
+
+    Attributes
+    ----------
+    used : dict
+        The functions and tables of numbers that the kernel uses, by name.
+    """
+
+    def __init__(self, kernel: FunctionType) -> None:
+        self.used: dict[str, Any] = {}
+        names = kernel.__code__.co_names
+        self._globals = {name: value for name, value in kernel.__globals__.items() if name in names}
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        """Return a name, or the number for which it stands."""
+        value = self._globals.get(node.id)
+        if isinstance(value, int | float):
+            return ast.Constant(value)
+        if isinstance(value, FunctionType | tuple):
+            self.used[node.id] = value
+        return ast.Name("jnp", node.ctx) if value is np else node
+
+    def visit_If(self, node: ast.If) -> ast.If:
+        """Return a condition as it is, since it is on a constant of the exported module."""
+        node.body = [self.visit(statement) for statement in node.body]
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        """Return an attribute, of a real part the value without derivatives."""
+        self.generic_visit(node)
+        if node.attr != "real":
+            return node
+        return ast.parse(f"lax.stop_gradient({ast.unparse(node.value)})", mode="eval").body
 
 
 def with_values(text: str, values: Mapping[str, str]) -> str:
@@ -227,7 +299,7 @@ def code(model: Model, provenance: Provenance) -> str:
         "\n".join(head), MODULE_DOCSTRING, IMPORTS, with_values(stripped("structure"), structure(model)),
         "\n".join(["parameters = {  # of the model, in SI units: a pytree", *value_lines, "}"]),
         "\n".join(["units = {", *unit_lines, "}"]), "\n".join(f"{k} = {v!r}" for k, v in names.items()),
-        *(stripped(name) for name in sources(model)[1:]),
+        *kernels(sources(model)), *(stripped(name) for name in sources(model)[1:]),
         *(["\n".join(f"{k} = {v}" for k, v in drawn.items()), stripped("posterior")] if drawn else []),
     ]
     return "\n\n\n".join(parts) + "\n"

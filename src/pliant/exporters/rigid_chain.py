@@ -8,7 +8,7 @@ twists cancel along the body.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -211,19 +211,25 @@ def moments(chain: RigidChain, link: RigidLink, size: float) -> Array:
     return np.where(chain.tangent > 0, along, link.across)
 
 
-def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
-    """Return the tip position (3,) [m] of a chain of hinges. Their angles are `x` (N,) [rad], in the order of the
-    model's N joint coordinates.
+def points_by_hinges(chain: RigidChain, x: Array, along: Sequence[float]) -> list[Array]:
+    """Return a point (3,) [m] on each link of a chain of hinges, at the distance `along` [m] from its joint. The angles
+    of the hinges are `x` (N,) [rad], in the order of the model's N joint coordinates.
     """
     from scipy.spatial.transform import Rotation
 
-    turn, position = Rotation.from_rotvec(chain.base_turn), np.zeros(3)
-    for link in chain.links:
+    turn, position, points = Rotation.from_rotvec(chain.base_turn), np.zeros(3), []
+    for link, distance in zip(chain.links, along, strict=True):
         position = position + turn.apply(link.place)
         turn = turn * Rotation.from_rotvec(link.turn)
         for hinge in link.hinges:
             turn = turn * Rotation.from_rotvec(x[hinge.row] * hinge.axis)
-    return np.asarray(position + turn.apply(link.length * chain.tangent))
+        points.append(np.asarray(position + turn.apply(distance * chain.tangent)))
+    return points
+
+
+def tip_by_hinges(chain: RigidChain, x: Array) -> Array:
+    """Return the tip position (3,) [m] of a chain of hinges with the angles `x` (N,) [rad]."""
+    return points_by_hinges(chain, x, [link.length for link in chain.links])[-1]
 
 
 def hinge_difference(model: Model) -> float:
@@ -274,13 +280,5 @@ def rest_of_hinges(model: Model, hinges: RigidChain, x: Array, torque: Array) ->
 
 def by_hinges(chain: RigidChain, x: Array) -> float:
     """Return the potential energy [J] of the weight of a chain of hinges at the joint coordinates x (N,)."""
-    from scipy.spatial.transform import Rotation
-
-    turn, position, energy = Rotation.from_rotvec(chain.base_turn), np.zeros(3), 0.0
-    for link in chain.links:
-        position = position + turn.apply(link.place)
-        turn = turn * Rotation.from_rotvec(link.turn)
-        for hinge in link.hinges:
-            turn = turn * Rotation.from_rotvec(x[hinge.row] * hinge.axis)
-        energy -= link.mass * float(chain.gravity @ (position + turn.apply(link.centre * chain.tangent)))
-    return energy
+    centres = points_by_hinges(chain, x, [link.centre for link in chain.links])
+    return -sum(link.mass * float(chain.gravity @ centre) for link, centre in zip(chain.links, centres, strict=True))

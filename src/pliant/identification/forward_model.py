@@ -20,11 +20,11 @@ from pliant.identification.starts import StartState
 from pliant.mechanics import mechanics_of
 from pliant.model import Model, Station
 from pliant.simulation import Pulse, equilibrium
-from pliant.simulation.base_motion import check_base, resting_load
+from pliant.simulation.base_motion import check_base
 from pliant.simulation.drive import Drive, driven, laid_out
 from pliant.simulation.drive import drive as drive_of
 from pliant.simulation.forces import loads_at
-from pliant.simulation.initial_value import loads_and_base
+from pliant.simulation.initial_value import loads_and_base, loads_before
 from pliant.simulation.state import laws_of
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def forward_problem(
     if exp.poses:
         return poses_problem(model_at, exp, params)
     plan = actuation_steps(m, exp, params, times, time_step, plans) if drive is None else drive
-    before = load_at_start(m, exp, float(times[0]))
+    before = loads_before(m, exp.forces, exp.base, float(times[0]), float(exp.time[0]))
     if rest is None:
         start = exp.start.state(model_at, exp, params, plan.initial, before, plans)
     else:
@@ -275,17 +275,6 @@ def reattached(forward: ForwardProblem, numbers: Numbers) -> Numbers:
     stations = np.arange(len(forward.first_seen))
     along, across, aside = with_axes(beside[stations, forward.carrier[stations] + 1].T, forward.oriented)
     return numbers._replace(along=along, across=across, aside=aside)
-
-
-def load_at_start(model: Model, exp: Experiment, first: float) -> Array | None:
-    """Return the loads [N m] on the links under which a body rests before the first frame, at `first` [s]: those of
-    known forces and of the first pose of a moving base; None if there are none.
-    """
-    load = loads_at(model, exp.forces, first) if exp.forces else None
-    if exp.base is None:
-        return load
-    turned = resting_load(mechanics_of(model), exp.base, float(exp.time[0]))
-    return turned if load is None else load + turned
 
 
 def with_loads(

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
-from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pliant.control.contract import Pipeline
 from pliant.control.model_plant import ModelPlant
 from pliant.control.preparation import Prepared, prepare_control
 from pliant.control.task import LIMITS_IN, TaskFile
-from pliant.errors import InputError, PliantError
+from pliant.errors import InputError
 from pliant.loop.clock import SystemClock, VirtualClock
 from pliant.loop.log import LoopLog, read_log
 from pliant.loop.run import ControlLoop, log_columns
@@ -22,13 +19,11 @@ from pliant.loop.sample import connection
 from pliant.loop.virtual import VirtualActuator
 from pliant.loop.watchdog import Bounds, Watchdog
 from pliant.model import Model, load_model
-from pliant.shapes import Float
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = np.ndarray
-WARM_PERIODS = 5
 AT_REST = 50  # frames from which the rest shape of a body is measured
 ABOVE = 1.15  # highest pressure reading that the watchdog allows, over the highest command
 
@@ -80,31 +75,10 @@ def prepare_plant(model: Model, plant: Any, wanted: TaskFile, estimator: str = "
     frames = [plant.advance(none) for _ in range(AT_REST)]
     late = round((plant.time - frames[-1][0]) / wanted.period)
     shapes = np.array([shape for _, shape, _ in frames])
-    prepared = prepare_control(
+    return prepare_control(
         model, plant.arc_length, shapes, wanted.task, wanted.limits, wanted.period, late=late, supply=wanted.supply,
         estimator=estimator, rides=getattr(plant, "rides", False),
     )
-    warm_up(prepared.pipeline, shapes[-1], wanted.period)
-    return prepared
-
-
-def warm_up(pipeline: Pipeline, shape: Float[Array, "S d"], period: float) -> None:
-    """Run some periods of a copy of the pipeline at rest, so that no kernel is compiled while the loop runs, which the
-    watchdog would take as a stall. A controller that cannot be copied, such as a solver in another language, is left
-    out.
-    """
-    measure, estimator = deepcopy((pipeline.measure, pipeline.estimator))
-    controller = None
-    with suppress(TypeError):
-        controller = deepcopy(pipeline.controller)
-    none = np.zeros(pipeline.controller.chambers)
-    with suppress(PliantError):
-        for time in period * np.arange(1, WARM_PERIODS + 1):
-            estimator.push_pressure(time, none)
-            estimator.push_frame(time, *measure(shape))
-            state = estimator.state(time)
-            if controller is not None:
-                controller.step(time, state, none)
 
 
 def check_units(model: Model, wanted: TaskFile) -> None:

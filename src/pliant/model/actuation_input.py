@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 
 from pliant.equations import chamber, laws, symbols
 from pliant.errors import InputError
-from pliant.model.checks import numbers, one_number
+from pliant.model.checks import EqualByFields, numbers, one_number
 from pliant.model.quantity import Quantity, quantities
 from pliant.model.valve import Valve
 from pliant.shapes import Float
@@ -53,7 +53,7 @@ def rest_of_gent(push: float, jm: float) -> float:
     return float(y)
 
 
-class ActuationInput(ABC):
+class ActuationInput(EqualByFields, ABC):
     """One input of an actuator, a pressure chamber or a tendon: the torque or force that its value causes, the
     coordinates on which it acts, and the lag of its value. SI units.
 
@@ -61,7 +61,6 @@ class ActuationInput(ABC):
     """
 
     if TYPE_CHECKING:  # annotations that are seen when a program runs would change the order of the declarations
-        __dataclass_fields__: ClassVar[dict[str, Any]]
         name: str
         valve: Valve
         joint_gain: Array
@@ -101,14 +100,6 @@ class ActuationInput(ABC):
         """Return a copy with those of the given fields changed that the input has."""
         names = {f.name for f in fields(self)}
         return replace(self, **{name: value for name, value in values.items() if name in names})
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, ActuationInput) or type(self) is not type(other):
-            return NotImplemented
-        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
-        return all(np.array_equal(a, b) if isinstance(a, Array) else a == b for a, b in pairs)
-
-    __hash__ = None  # type: ignore[assignment]
 
     @abstractmethod
     def sentences(self, *, alone: bool) -> list[str]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from math import inf
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,6 +14,20 @@ from pliant.errors import InputError
 from pliant.model.quantity import quantities
 
 Array = np.ndarray
+
+
+class EqualByFields:
+    """Equality of dataclasses some of whose fields are arrays, by class and fields."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return all(np.array_equal(a, b) if isinstance(a, Array) else a == b for a, b in pairs)
+
+    __hash__ = None  # type: ignore[assignment]
 
 
 def numbers(name: str, value: Any) -> Array:

@@ -16,7 +16,7 @@ from pliant.errors import InputError
 from pliant.model.actuation import Actuation, chambers_of
 from pliant.model.actuation_input import ActuationInput
 from pliant.model.chamber import FIELDS, Chamber
-from pliant.model.checks import check_names, check_numbers, numbers, one_number
+from pliant.model.checks import EqualByFields, check_names, check_numbers, numbers, one_number
 from pliant.model.extensible import check_extensions, joints_inside
 from pliant.model.extension import extensions_of
 from pliant.model.parameters import ModelParameters, Station, stations_of
@@ -84,7 +84,7 @@ def check_stations(model: ModelParameters) -> None:
 
 
 @dataclass(frozen=True, repr=False, init=False, eq=False)
-class Model(ModelParameters):
+class Model(EqualByFields, ModelParameters):
     """Parameters of the reduced-order model of a soft actuator: a chain of n rigid links with springs and dampers at
     its joints. SI units.
 
@@ -171,14 +171,6 @@ class Model(ModelParameters):
                 values[name] = convert(values[name])
         self.__dict__.update(values)
         check_physical(self, values)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Model):
-            return NotImplemented
-        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
-        return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
-
-    __hash__ = None  # type: ignore[assignment]
 
     def card(self) -> Card:
         """Return a printable summary of the model: links, actuation, valve, hysteresis and gravity."""

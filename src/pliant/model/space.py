@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from pliant.errors import InputError
-from pliant.model.checks import one_number
+from pliant.model.checks import EqualByFields, one_number
 from pliant.model.quantity import Quantity, declaring, quantities, scalars
 
 Array = np.ndarray
@@ -19,7 +19,7 @@ LEAST_AXIAL = 1e-12  # of the mass times the square of the length; below, roundi
 
 @declaring
 @dataclass(frozen=True, eq=False)
-class Space:
+class Space(EqualByFields):
     """Parameters that make a model a chain in space, whose joints bend in two directions and may twist. SI units.
 
     A chain in space has its base at the origin and its base tangent along +z. The joint before each link turns by a
@@ -83,13 +83,6 @@ class Space:
             )
         if np.linalg.norm(self.rest_turn, axis=1).max() >= pi:
             raise InputError("space rest_turn must turn each joint by less than pi rad: use more links")
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Space):
-            return NotImplemented
-        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
-
-    __hash__ = None  # type: ignore[assignment]
 
     @property
     def turns(self) -> int:

@@ -21,7 +21,7 @@ from pliant.preprocessing.pressure_clock import clock_overlap, clock_sentences, 
 from pliant.preprocessing.rotations import continuous
 from pliant.recording.clock import usual_step
 from pliant.recording.inputs import recorded_inputs
-from pliant.recording.lost import known_losses, loss_sentences
+from pliant.recording.lost import known_losses, listed, loss_sentences
 from pliant.recording.rules import shape_variable
 from pliant.recording.schema import check_recording, history_of
 from pliant.recording.stated import WARNING
@@ -348,14 +348,6 @@ def _input_range(recording: xr.Dataset) -> dict[str, tuple[float, float, str]]:
     return facts
 
 
-def _listed(counts: dict[str, int]) -> str:
-    if len(counts) > 6 and len(set(counts.values())) == 1:
-        return f"{next(iter(counts.values()))} in each of {len(counts)} stations"
-    most_frequent = sorted(counts.items(), key=lambda item: -item[1])[:6]
-    more = f" and {len(counts) - 6} more" if len(counts) > 6 else ""
-    return ", ".join(f"{name} {count}" for name, count in most_frequent) + more
-
-
 def _sentences(q: Quality) -> list[str]:
     said = []
     if q.irregular_steps:
@@ -375,7 +367,7 @@ def _sentences(q: Quality) -> list[str]:
         (q.stretched, "frames with spacing more than 5 % off its median"),
     ):  # fmt: skip
         if counts:
-            said.append(f"{what}: {_listed(counts)}")
+            said.append(f"{what}: {listed(counts)}")
     said += frozen_sentences(q.frozen, q.stations)
     if q.frame_jumps_s:
         times = ", ".join(f"{t:.3g}" for t in q.frame_jumps_s[:6])

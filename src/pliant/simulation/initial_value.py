@@ -51,7 +51,8 @@ class InitialValueProblem(NamedTuple):
         """Return the problem with its initial state set: joint angles, rates and hysteresis states. None stands for the
         equilibrium angles, rates of 0 and relaxed hysteresis.
         """
-        model, load = self.model, self.loads_before()
+        model, before = self.model, float(np.nextafter(self.times[0], -np.inf))
+        load = loads_before(model, self.forces, self.base, before, float(self.times[0]))
         rest = angle is None
         q = state.equilibrium(model, self.initial, link_load=load) if rest else state.vector(model, angle)
         dq = np.zeros(model.size) if rate is None else state.vector(model, rate)
@@ -74,17 +75,6 @@ class InitialValueProblem(NamedTuple):
         nodes = self.times[0] + np.append(0.0, np.cumsum(plan.h))
         load, base = loads_and_base(self.model, self.forces, self.base, nodes)
         return plan._replace(load=load, base=base)
-
-    def loads_before(self) -> Array | None:
-        """Return the loads [N m] on the links just before the first output time, of known forces and of the turned pose
-        of the base, which has been at rest there; None if there are none.
-        """
-        first = float(np.nextafter(self.times[0], -np.inf))
-        load = loads_at(self.model, self.forces, first) if self.forces else None
-        if self.base is None:
-            return load
-        turned = resting_load(mechanics_of(self.model), self.base, float(self.times[0]))
-        return turned if load is None else load + turned
 
     def marched(self, plan: Drive, rows: int | None = None) -> Marched:
         """Integrate over the time steps `plan` by the midpoint rule; return the motion as arrays with one row for each
@@ -132,6 +122,19 @@ def posed(
     valves = [c.valve for c in model.chambers]
     initial = [delivered(v, before(u, v.dead_time, times)) for u, v in zip(inputs, valves, strict=True)]
     return InitialValueProblem(model, inputs, times, pull, np.array(initial), base=base)
+
+
+def loads_before(
+    model: Model, forces: Sequence[PointForce], base: BaseMotion | None, before: float, first: float,
+) -> Array | None:
+    """Return the loads [N m] on the links under which a body rests: those of known forces at `before` [s], and of the
+    pose of a moving base at `first` [s], at which it has been at rest; None if there are none.
+    """
+    load = loads_at(model, forces, before) if forces else None
+    if base is None:
+        return load
+    turned = resting_load(mechanics_of(model), base, first)
+    return turned if load is None else load + turned
 
 
 def loads_and_base(

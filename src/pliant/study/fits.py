@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -51,14 +52,20 @@ def run_fit(
     """
     began, entry = clock.perf_counter(), study.fits[name]
     training = [experiments[r] for r in entry.train]
-    result = fit(
-        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), time_step=study.time_step,
-        loss=entry.loss, starts=entry.starts, nested=nested,
-        weighting=entry.weighting, regularise=entry.regularise, section_area=study.actuator.section_area,
-        rng=study.seed, progress=lambda line: notify(f"fit {name}: {line}"),
-    )
+    result = fitted(study, entry, training, model, nested=nested, progress=lambda line: notify(f"fit {name}: {line}"))
     seconds = clock.perf_counter() - began
     return fit_outcome(study, name, entry.title or name, entry, result, seconds, experiments, notify)
+
+
+def fitted(study: Study, entry: Fit, training: list[Experiment], model: Model, **more: Any) -> FitResult:
+    """Return the fit of the model to training recordings with the options of an entry of the study, and `more` of
+    `fit`.
+    """
+    return fit(
+        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), time_step=study.time_step,
+        loss=entry.loss, starts=entry.starts, weighting=entry.weighting, regularise=entry.regularise,
+        section_area=study.actuator.section_area, rng=study.seed, **more,
+    )
 
 
 def smaller_fits(study: Study, model: Model) -> dict[str, tuple[str, ...]]:

@@ -11,12 +11,11 @@ import xarray as xr
 
 from pliant.errors import FitError, InputError
 from pliant.failures import FAILED
-from pliant.identification import Experiment, fit
-from pliant.identification.fit import parameters_from
+from pliant.identification import Experiment
 from pliant.identification.problem import Problem
 from pliant.model import Model
 from pliant.selection.criterion import effective_numbers
-from pliant.study.fits import model_for_fit
+from pliant.study.fits import fitted
 from pliant.study.prepare import study_experiment
 from pliant.study.schema import Study
 from pliant.validation.outcome import WiringRow, Wirings
@@ -115,10 +114,7 @@ def fit_statistics(study: Study, name: str, training: list[Experiment], model: M
     of the residuals.
     """
     entry = study.fits[name]
-    result = fit(
-        training, model_for_fit(study, entry, model), parameters_from(entry.parameters), time_step=study.time_step,
-        loss=entry.loss, starts=entry.starts, weighting=entry.weighting, regularise=entry.regularise, rng=study.seed,
-    )
+    result = fitted(study, entry, training, model)
     error = float(np.mean([100 * result.rmse[e.name] / e.travel for e in training]))
     problem = Problem(training, result.model, list(result.parameters), result.time_step, entry.weighting)
     residual = problem.data_residual(problem.start)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import lax
 
+from pliant.equations.chamber import mean_inflated, mean_of_law, mean_swollen, slow_interval
+from pliant.equations.laws import lever
+from pliant.equations.symbols import ChamberConstants, Interval
 from pliant.exporters.jax_source.structure import CHAMBERS, LIMITED
 
 
@@ -47,78 +50,6 @@ def limited_then_lagging(t, limited, rate, lag, command, pressure):
     return jnp.where(left, end, value), area + jnp.where(left, rest * mean, 0.0)
 
 
-def saturating(p, a):
-    """Return the torque per pascal of the saturating law at pressures p (k,), for coefficients a (k, 2)."""
-    part = p / a[:, 1]
-    return a[:, 0] / jnp.sqrt(1.0 + part * part)
-
-
-def lever(p, a, form):
-    """Return the torque per pascal of k chambers at pressures p (k,): polynomial (form 0) or saturating law (1)."""
-    if form == 1:
-        return saturating(p, a)
-    value = 0.0 * p
-    for k in range(a.shape[1] - 1, 0, -1):
-        value = (value + a[:, k]) * p
-    return value + a[:, 0]
-
-
-def secant(p0, p1, a, first):
-    """Return the secant slope of the polynomial a[first] p + a[first + 1] p^2 + ... between two pressures."""
-    value, ratio, power = 0.0 * p0, 1.0 + 0.0 * p0, 1.0 + 0.0 * p0
-    for k in range(first, a.shape[1]):
-        value = value + a[:, k] * ratio
-        power = power * p0
-        ratio = ratio * p1 + power
-    return value
-
-
-def lever_secant(p0, p1, a, form):
-    """Return the secant slope of the torque per pascal between two pressures, which may be equal."""
-    if form == 0:
-        return secant(p0, p1, a, 1)
-    middle = 0.5 * (p0 + p1)
-    half = lax.stop_gradient(0.5 * jnp.abs(p1 - p0) + 1e-4 * jnp.abs(middle) + 1e-9)
-    return (lever(middle + half, a, form) - lever(middle - half, a, form)) / (2.0 * half)
-
-
-def mean_of_law(p, a):
-    """Return the mean torque of a polynomial law over an interval p: start, middle, end and mean pressure."""
-    start, middle, end, mean = p
-    simpson = (start * lever(start, a, 0) + 4.0 * middle * lever(middle, a, 0) + end * lever(end, a, 0)) / 6.0
-    return simpson + (mean - (start + 4.0 * middle + end) / 6.0) * secant(start, end, a, 0)
-
-
-def swollen(p, slow, share, a, form):
-    """Return the torque of chambers whose lever arm follows the lagged pressure `slow`."""
-    return lever(p + share * (slow - p), a, form) * p
-
-
-def swollen_slope(start, end, slow, share, a, form):
-    """Return the secant slope of `swollen` between two pressures, with the lagged pressure held."""
-    s0, s1 = start + share * (slow - start), end + share * (slow - end)
-    return lever(s1, a, form) + start * (1.0 - share) * lever_secant(s0, s1, a, form)
-
-
-def mean_swollen(p, slow, growth, share, law):
-    """Return the mean torque over an interval p, for three lagged pressures and three factors of inflation."""
-    start, middle, end, mean = p
-    torques = [g * swollen(pressure, s, share, *law) for pressure, s, g in zip(p[:3], slow, growth, strict=True)]
-    slope = growth[1] * swollen_slope(start, end, slow[1], share, *law)
-    simpson = (torques[0] + 4.0 * torques[1] + torques[2]) / 6.0
-    return simpson + (mean - (start + 4.0 * middle + end) / 6.0) * slope
-
-
-def slow_interval(h, p, slow, time):
-    """Return the lagged pressure at middle and end of h [s], from its value `slow` at the start."""
-    start, _, end, mean = p
-    first, rise, x = mean - 0.5 * (end - start), end - start, h / time
-    gone = -jnp.expm1(-0.5 * x)
-    middle = slow + gone * (first - slow) + 0.5 * (1.0 - gone / (0.5 * x)) * rise
-    gone = -jnp.expm1(-x)
-    return middle, slow + gone * (first - slow) + (1.0 - gone / x) * rise
-
-
 def wall_rate(p, y, wall, gent):
     """Return the rate of y, the fourth power of the hoop stretch of a viscous wall, and its derivative by y."""
     limit, time, jm = wall
@@ -144,6 +75,12 @@ def inflated(h, p, y, wall, gent):
     return y + h * late * rate
 
 
+def constants_of(p, at, form, rubber):
+    """Return the constants of inputs of one kind, with the indices `at`; without rubber those of a rigid wall."""
+    wall = [p[name][at] if rubber else 0.0 for name in ChamberConstants._fields[1:-1]]
+    return ChamberConstants(p["torque"][at].T, *wall, form)
+
+
 def chamber_torques(p, h, interval, slow):
     """Return the mean torques (C,) [N m] of all inputs over a step of h [s], and their slow states (C, 2) after it.
 
@@ -152,20 +89,20 @@ def chamber_torques(p, h, interval, slow):
     torque = jnp.zeros_like(interval[0])
     for rows, form, swells, inflates, gent in CHAMBERS:
         at = jnp.array(rows)
-        own, law = [part[at] for part in interval], (p["torque"][at], form)
+        own, kind = Interval(*(part[at] for part in interval)), constants_of(p, at, form, swells or inflates)
         if not (swells or inflates):
-            mean = mean_of_law(own, law[0]) if form == 0 else mean_swollen(own, own[:3], (1.0, 1.0, 1.0), 0.0, law)
+            mean = mean_of_law(own, kind.law) if form == 0 else mean_swollen(own, own[:3], kind)
             torque = torque.at[at].set(mean)
             continue
         before = slow[at, 0]
-        half, last = slow_interval(h, own, before, p["swell_time"][at])
-        slow, growth = slow.at[at, 0].set(last), (1.0, 1.0, 1.0)
+        half, last = slow_interval(h, own, before, kind.swell_time)
+        slow, lagged = slow.at[at, 0].set(last), (before, half, last)
         if inflates:
-            wall = [p[f"inflation_{name}"][at] for name in ("limit", "time", "jm")]
-            y, first = slow[at, 1], 2.0 * own[3] - 0.5 * (own[1] + own[2])
-            middle, end = inflated(0.5 * h, first, y, wall, gent), inflated(h, own[3], y, wall, gent)
-            slow, growth = slow.at[at, 1].set(end), (y**0.75, middle**0.75, end**0.75)
-        mean = mean_swollen(own, (before, half, last), growth, p["swell_share"][at], law)
+            y, first, wall = slow[at, 1], 2.0 * own.mean - 0.5 * (own.middle + own.end), kind[3:6]
+            middle, end = inflated(0.5 * h, first, y, wall, gent), inflated(h, own.mean, y, wall, gent)
+            slow, mean = slow.at[at, 1].set(end), mean_inflated(own, lagged, (y, middle, end), kind)
+        else:
+            mean = mean_swollen(own, lagged, kind)
         torque = torque.at[at].set(mean)
     return torque, slow
 
@@ -175,7 +112,7 @@ def rest_torques(p, pressure):
     torque, stretch = jnp.zeros_like(pressure), jnp.ones_like(pressure)
     for rows, form, _, inflates, gent in CHAMBERS:
         at = jnp.array(rows)
-        own = lever(pressure[at], p["torque"][at], form) * pressure[at]
+        own = lever(pressure[at], p["torque"][at].T, form) * pressure[at]
         if inflates:
             push = pressure[at] / p["inflation_limit"][at]
             y = gent_rest(push, p["inflation_jm"][at]) if gent else 1.0 / (1.0 - push)

@@ -119,10 +119,10 @@ def spring_torques(c, q):
 
 def spring_slopes(c, q):
     """Return the stiffness (N, N) of all springs at joint angles and strains q (N,)."""
-    return jnp.diag(spring_slope(c, q))
+    return jnp.diag(spring_stiffness(c, q))
 
 
-def spring_slope(c, q):
+def spring_stiffness(c, q):
     """Return the stiffness (N,) of each spring at joint angles and strains q (N,)."""
     curved = LINKS + SEGMENTS * CURVED
     more = nonlinear_slope(c["hardening"], q[:curved])
@@ -143,7 +143,7 @@ def line_matrix(own, across):
 def holds(c, x, v, h):
     """Return whether a step of h [s] is valid: no rate too high, every spring stiff, no segment compressed to 5 %."""
     slow = jnp.all(jnp.abs(v * h) <= 1.0)
-    stiff = jnp.all(spring_slope(c, joint_coordinates(c, x)) > 0.0)
+    stiff = jnp.all(spring_stiffness(c, joint_coordinates(c, x)) > 0.0)
     return slow & stiff & jnp.all(x[LINKS:] > -0.95)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
+from pliant.equations.spatial import stumpff
 from pliant.exporters.jax_source.numerics import beyond, cross
 from pliant.exporters.jax_source.springs import (
     axial_constants,
@@ -27,9 +28,6 @@ ORDER = JOINT * 4 + np.where(np.arange(TURNED) < 2 * LINKS, np.arange(TURNED) % 
 INNER = ORDER[:, None] <= ORDER[None]
 PAIR = (JOINT[:, None] == JOINT[None]) & (np.maximum.outer(np.arange(TURNED), np.arange(TURNED)) < 2 * LINKS)
 MIXED = PAIR & ~np.eye(TURNED, dtype=bool)
-TERMS = 14  # of Stumpff's series: exact to rounding for swings up to 4 rad
-FACTORIALS = np.cumprod(np.arange(1.0, 2 * TERMS + 4))
-SERIES = np.array([[(-1.0) ** j / FACTORIALS[2 * j + k] for k in (3, 4)] for j in range(TERMS)])  # of c4 and c5
 TINY = 1e-24  # rad^2, under a root, so that the size of a swing has a derivative where the joint is straight
 
 
@@ -44,16 +42,6 @@ def rotations(vector):
     outer = vector[..., :, None] * vector[..., None, :]
     one = jnp.eye(3, dtype=vector.dtype)
     return (1.0 - square * c2) * one + (1.0 - square * c3) * skew + c2 * outer
-
-
-def stumpff(y):
-    """Return Stumpff's functions c2(y) and c3(y) and their derivatives."""
-    both, square = jnp.asarray(SERIES[-1], y.dtype), y[..., None]
-    for row in SERIES[-2::-1]:
-        both = both * square + jnp.asarray(row, y.dtype)
-    c4, c5 = both[..., 0], both[..., 1]
-    c3 = 1.0 / 6.0 - y * c5
-    return 0.5 - y * c4, c3, c4 - 0.5 * c3, 1.5 * c5 - 0.5 * c4
 
 
 def each_coordinate(x, y, twist):

@@ -4,8 +4,11 @@ terms, and in its last row the factor R that bounds the change of the slope by t
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 
+from pliant.equations.elastic import spring_curvature, spring_energy, spring_slope, spring_torque
 from pliant.exporters.jax_source.structure import CURVED, SPRING_BOUND, SPRING_TERMS
 
 
@@ -25,46 +28,36 @@ def axial_constants(p, length):
     return K, D, hardening_of(p, K, "axial_") if CURVED else jnp.zeros((len(SPRING_TERMS) + 1, 0), K.dtype)
 
 
-def bounded_factor(hardening, bend):
-    """Return r = 1 / sqrt(1 + R bend^2), which falls from 1 as a bounded spring bends."""
-    return 1.0 / jnp.sqrt(1.0 + hardening[-1] * bend * bend)
+class SpringCoefficients(NamedTuple):
+    """Springs of the equations: their linear stiffnesses (k,) and the coefficients `hardening` (terms + 1, k)."""
+
+    K: jnp.ndarray
+    hardening: jnp.ndarray
+
+
+EVERY = slice(None)
+
+
+def curved_part(hardening):
+    """Return springs without their linear part."""
+    return SpringCoefficients(jnp.zeros(1, hardening.dtype), hardening)
 
 
 def nonlinear_torque(hardening, bend):
     """Return the torque of a spring beyond its linear part K q, at `bend` from its unloaded shape."""
-    more = 0.0 * bend
-    for row in hardening[-2:0:-1]:
-        more = (more + row) * bend
-    r = bounded_factor(hardening, bend)
-    more = more + hardening[0] * (r * (2.0 + r) / (1.0 + r) * (2.0 / 3.0))
-    return more * bend * bend
+    return spring_torque(EVERY, curved_part(hardening), bend, bend)
 
 
 def nonlinear_slope(hardening, bend):
     """Return the derivative of `nonlinear_torque` by the bend."""
-    more = 0.0 * bend
-    for k in range(hardening.shape[0] - 2, 0, -1):
-        more = (more + (k + 2.0) * hardening[k]) * bend
-    r = bounded_factor(hardening, bend)
-    return (more + hardening[0] * (r * (2.0 + r * r) * (2.0 / 3.0))) * bend
+    return spring_slope(EVERY, curved_part(hardening), bend)
 
 
 def curvature(hardening, bend):
     """Return the second and the third derivative of `nonlinear_torque`."""
-    second, third = 0.0 * bend, 0.0 * bend
-    for k in range(hardening.shape[0] - 2, 0, -1):
-        third = third * bend + (k + 2.0) * (k + 1.0) * k * hardening[k]
-        second = (second + (k + 2.0) * (k + 1.0) * hardening[k]) * bend
-    r = bounded_factor(hardening, bend)
-    first = 2.0 * hardening[0] * r**5
-    return second + first, third - 5.0 * hardening[-1] * bend * r * r * first
+    return spring_curvature(EVERY, curved_part(hardening), bend)
 
 
 def nonlinear_energy(hardening, bend):
     """Return the energy of a spring beyond that of its linear part."""
-    root = jnp.sqrt(1.0 + hardening[-1] * bend * bend)
-    cube = bend * bend * bend
-    more = hardening[0] * cube * ((2.0 / 3.0) / (1.0 + root))
-    for k in range(1, hardening.shape[0] - 1):
-        more = more + hardening[k] * cube * bend**k / (k + 3.0)
-    return more
+    return spring_energy(EVERY, curved_part(hardening), bend, bend)
