@@ -153,9 +153,10 @@ def refuse_units(names: Sequence[str], mapping: Mapping[str, Any], file: str) ->
     if unknown is not None:
         raise InputError(f"the column {shown(unknown)} of {file} states no known unit of length, which are "
                          f"{', '.join(METRE)}: state length_unit in the mapping")
-    if len(units := {unit for unit in stated.values() if unit}) > 1:
-        raise InputError(f"{file} states several units of length in its column names ({', '.join(sorted(units))}): "
-                         "convert the columns to one unit")
+    if len(units := {"" if unit == "-" else unit for unit in stated.values()}) > 1:
+        listed = ", ".join(sorted(unit or "no unit" for unit in units))
+        raise InputError(f"{file} states several units of length in its column names ({listed}): convert the columns "
+                         "to one unit, or state length_unit in the mapping")
 
 
 def stated_columns(table: PlainTable, stated: Mapping[str, Any]) -> set[int]:

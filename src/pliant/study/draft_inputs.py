@@ -11,10 +11,10 @@ import numpy as np
 import xarray as xr
 
 from pliant.preprocessing.detectors import without_spikes
-from pliant.recording.column_names import words_of
+from pliant.recording.column_names import is_command, words_of
 from pliant.recording.inputs import RecordedInput, inputs_at, recorded_inputs
 from pliant.study.first_reading import several
-from pliant.study.input_guess import COMMANDED, UNITS
+from pliant.study.input_guess import UNITS
 from pliant.study.inspected import Inspected
 from pliant.study.kinds import levels_by_name, named_kind
 from pliant.study.shorthand import OPEN
@@ -206,7 +206,13 @@ def is_set_point(name: str) -> bool:
     words = words_of(name)
     if words and any(words[-1] in units for units in UNITS.values()):
         words.pop()
-    return bool((COMMANDED - {"set"}) & set(words)) or words[-1:] == ["set"]
+    return is_command("_".join(w for w in words if w != "set")) or words[-1:] == ["set"]
+
+
+def named_by(trial: Trial) -> str:
+    """Return the name of the column of the only pressure of a recording, by its mapping; "" if none names it."""
+    columns = ((trial.guess.mapping if trial.guess else trial.mapping or {}).get("pressure") or {}).get("columns", [])
+    return columns[0] if len(columns) == 1 and isinstance(columns[0], str) else ""
 
 
 def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
@@ -220,7 +226,7 @@ def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
     if driving:
         out.put("drive", driving, "input of the model = channel of the recording")
     moving = [s for s in recorded_inputs(trial.recording) if np.unique(s.values[np.isfinite(s.values)]).size > 1]
-    if moving and all(is_set_point(signal.name) for signal in moving):
+    if moving and all(is_set_point(signal.name or named_by(trial)) for signal in moving):
         out.put("signal", "commanded", 'set points by their names, which the body follows with a lag; or "measured"')
     elif trial.tendon_inputs:
         out.put("signal", "measured", 'or "commanded" for a set point, which the motor follows with a lag')
