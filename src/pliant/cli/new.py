@@ -28,6 +28,9 @@ def new(
     mapping: Annotated[list[str] | None, typer.Option(metavar="<path>", help=MAPPING)] = None,
     length: Annotated[float | None, typer.Option(parser=in_unit("m"),
                                                  help="Length of the body, m, or as 170mm.")] = None,
+    segments: Annotated[str | None, typer.Option(
+        metavar="<lengths>", help="Instead of --length: lengths of unequal segments from the base on, as 60mm,62mm.",
+    )] = None,
     mass: Annotated[float | None, typer.Option(parser=in_unit("kg"), help="Mass of the body, kg, or as 50g.")] = None,
     level_kpa: Annotated[
         float | None, typer.Option("--level-kpa", parser=in_unit("kPa"),
@@ -60,9 +63,13 @@ def new(
     direction = None if gravity is None else vector(
         gravity, 3, f"--gravity must be three numbers 'x,y,z', got {gravity!r}", "m/s^2"
     )
+    parts = None if segments is None else [in_unit("m", least=1e-6)(part) for part in segments.split(",")]
+    if parts and length is not None:
+        raise InputError("--length and --segments both state how long the body is: remove one")
     columns, given = load_mapping(mapping), [*files, *more]
     with busy("reading the recordings"):
-        draft = draft_study(given, study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
+        draft = draft_study(given, study, mapping=columns, level=level, length=length, mass=mass, segments=parts,
+                            gravity=direction)
     write_new(study, draft.text)
     with suppress(KeyboardInterrupt), busy("trying the study; Ctrl-C leaves it untried"):
         draft = checked(draft, study)

@@ -39,7 +39,7 @@ from pliant.study.table_columns import (
 from pliant.units import METRE, PIXEL
 
 Array = np.ndarray
-TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
+TABLES = (".csv", ".tsv", ".trc", ".txt", ".dat", ".log")
 NUMBERED = re.compile(r"p\d+|base|tip")
 CLOCKS = ("t", "time")  # names of times that come before others, such as clock
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m

@@ -130,7 +130,11 @@ def actuator(
     elif length is None and (rest := longest_rest(inspected.trials)) is not None:
         along = "along the stations" if trial.dense else "from base to tip at rest"
         length, comment = rest[0], f"m, {along} in {rest[1].path.name}: correct it if you measured it"
-    out.ask("length", question, length, comment)
+    if inspected.segments:
+        out.put("segments", list(inspected.segments), "m, from the base on, as you stated; two links in each, "
+                "or as segment_links = [...] states")  # fmt: skip
+    else:
+        out.ask("length", question, length, comment)
     out.ask("mass", "kg, of the part that bends: weigh it, or density times volume; stiffness, damping and torque scale"
             " with it",
             mass, "kg, as you stated")
@@ -138,7 +142,9 @@ def actuator(
         out.put("diameter", diameter, "m, outer, as you stated: used to check density, modulus and torque")
     else:
         out.propose("diameter", 0.03, "m, outer: remove the first # if you know it: for checks of density and modulus")
-    if one_angle(inspected):
+    if inspected.segments:
+        out.put("joint_placement", "midsegment")
+    elif one_angle(inspected):
         out.put("links", 3, "one angle shows no more than an even bend")
         out.put("joint_placement", "midsegment")
     elif trial.angles_only:
