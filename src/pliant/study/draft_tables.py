@@ -117,6 +117,11 @@ def may_be_offset(trial: Trial) -> bool:
     return (trial.log is None and len(trial.chambers) < 2 and "linear" not in {**(trial.mapping or {}), **proposed}
             and pressure.get("unit") != OPEN and not {"scale", "zero"} & set(pressure))  # fmt: skip
 
+SWITCHES = {  # options of an alignment that are true where a recording needs them, and why
+    "base_motion": "the base carries all stations along: its motion is an input of the model",
+    "undo_jumps": "the orientation of a marker cluster jumps; jumps are counted and corrected",
+}
+
 
 def actuator(
     out: Lines, inspected: Inspected, length: float | None, mass: float | None, diameter: float | None = None
@@ -316,8 +321,8 @@ def alignment(out: Lines, trial: Trial) -> None:
     out.put("tangent", trial.options["tangent"], tangent)
     if "plane" in trial.options:
         out.put("plane", trial.options["plane"], "x axis of the base frame; azimuths count from it")
-    if "undo_jumps" in trial.options:
-        out.put("undo_jumps", True, "the orientation of a marker cluster jumps; jumps are counted and corrected")
+    for name in trial.options.keys() & SWITCHES.keys():
+        out.put(name, True, SWITCHES[name])
     if trial.problem:
         out.say(f"The alignment fails: {trial.problem}")
         out.questions.append(f"alignment: {trial.problem}")
