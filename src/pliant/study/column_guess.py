@@ -44,6 +44,7 @@ NUMBERED = re.compile(r"p\d+|base|tip")
 CLOCKS = ("t", "time")  # names of times that come before others, such as clock
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
 MILLISECONDS, ROUGH = 5, 0.8  # least whole step of such times; change of successive steps of a motion, at most
+FAR_MS = 1e14  # later times are no ms since any date
 SLOW = 10  # least constant whole step of times that may be seconds as well, as in the log of a creep
 RIGID = 0.3  # fraction by which the distance of neighbours on one body may change
 INPUTS = ("pressure", "inputs", "linear")  # entries of a mapping that name the inputs and convert their values
@@ -189,6 +190,10 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     clock = next((k for k in clocks if runs(table.values[:, k])), None)
     if clock is None:  # read as stated, it is refused by the rows in which it goes back
         clock = next((k for k in clocks if parted(table.names[k])[0] in CLOCKS and table.changes(k)), None)
+    ticks = clock is None  # of a counter of the computer, in a unit that the laboratory knows
+    if clock is None:
+        clock = next((k for k, name in enumerate(table.names) if k not in used and {"tick", "ticks"} & {*words_of(name)}
+                      and rises(table.values[:, k])), None)  # fmt: skip
     parts = parted_clock(table.names) if clock is None else parted_by_unit(table)
     parts = parts if parts and clock in (None, parts.seconds, parts.fraction) else None  # not beside a whole clock
     used |= {parts.seconds, parts.fraction} if parts else set()
@@ -196,6 +201,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
     rest = [k for k in rest if k != trial]
     timed, of_times = clock_entries(table, clock, stations)
+    timed |= {"time_unit": OPEN} if ticks and clock is not None else {}
     clock = None if parts else clock
     if parts:
         timed = {"time": [table.names[parts.seconds], table.names[parts.fraction]], "time_unit": parts.unit}
@@ -411,8 +417,9 @@ def asked(
         neutral["rate_hz"] = 100.0
         questions["rate_hz"] = "rows a second: the table has no column of time"
     if mapping.get("time_unit") == OPEN:
-        neutral["time_unit"] = "ms"
-        questions["time_unit"] = "unit of the times, whole numbers in equal steps without a unit: s, ms, us or ns"
+        clock = mapping["time"] if isinstance(mapping["time"], int) else table.names.index(mapping["time"])
+        neutral["time_unit"] = "ms" if np.nanmax(table.values[:, clock]) < FAR_MS else "100ns"
+        questions["time_unit"] = "unit of the times, whole numbers without a unit: s, ms, us, ns or 100ns"
     if "inclination" in mapping:
         questions["inclination"] = ("down is gravity in the base frame, axes are those of each sensor along x, y and z "
                                     "of its link: as if the body hung in its first frames")  # fmt: skip
