@@ -85,13 +85,13 @@ def test_a_base_that_moves_from_the_first_frame_is_an_input(tmp_path: Path) -> N
 def test_unequal_segments_are_stated_once(tmp_path: Path) -> None:
     time, pressure, base, tip = bending()
     path = written(tmp_path / "arm.csv", ["t", *PLACES, "p [kPa]"], time, 1e3 * base, 1e3 * tip, pressure)
-    parts = ("--segments", "30mm,0.05,40mm", "--mass", "50g")
+    parts = ("--length", "30mm,0.05,40mm", "--mass", "50g")
     study, asked = drafted(tmp_path, path, body=parts)
     assert asked == []
     assert study["actuator"]["segments"] == pytest.approx([0.03, 0.05, 0.04])
     assert not {"length", "links"} & set(study["actuator"])
     assert load_study(tmp_path / "study.toml").actuator.links == 6
     (tmp_path / "study.toml").unlink()
-    both = invoke("new", tmp_path / "study.toml", "--from", path, *parts, "--length", "120mm")
-    assert both.exit_code
-    assert "remove one" in str(both.exception or both.output)
+    wrong = invoke("new", tmp_path / "study.toml", "--from", path, "--length", "30mm,50kPa")
+    assert wrong.exit_code
+    assert "50kPa" in wrong.output

@@ -129,8 +129,7 @@ def align(
     if recording.attrs["frame"] == "planar":
         return half_turn(recording) if bend is not None and planar_side(recording) == -_wanted_sign(bend) else recording
     recording = _without_jumps(recording if arc_length is not None else without_unseen(recording), undo=undo_jumps)
-    index = _base_index(recording, base)
-    window, span = _rest(recording, rest, index)
+    window, span = _rest(recording, rest, index := _base_index(recording, base))
     position = recording["position"].values
     matrices = to_matrix(recording["quaternion"].values) if "quaternion" in recording else None
     pose = _rest_pose(position[window], recording)
@@ -138,11 +137,7 @@ def align(
     base_travel = float(np.nanmax(np.linalg.norm(position[:, index] - pose[index], axis=1)))
     raw = position, matrices, BaseRest(index, pose[index], base_rotation)
     if remove_base_motion or base_motion:
-        if base_rotation is None and (remove_base_motion or matrices is not None):
-            option = "base_motion" if base_motion else "remove_base_motion"
-            raise InputError(f"{option} needs the orientation of the base station, which this recording lacks at "
-                             f"rest: leave {option} out")
-        position, matrices = _without_base_motion(*raw)
+        position, matrices = _without_base_motion(*raw, "base_motion" if base_motion else "remove_base_motion")
         pose = mean_place(position[window])
     offset = _offset(origin_offset, origin, pose[index])
     _check_only_station(recording, offset)
@@ -286,11 +281,16 @@ def seen_from_base(recording: xr.Dataset, index: int) -> xr.Dataset:
     position = recording["position"].values
     matrices = to_matrix(recording["quaternion"].values) if is_turned(recording, index) else None
     axes = None if matrices is None else base_rotation_at_rest(matrices, index, np.ones(len(position), bool))
-    shape, _ = _without_base_motion(position, matrices, BaseRest(index, np.zeros(3), axes))
+    shape, _ = _without_base_motion(position, matrices, BaseRest(index, np.zeros(3), axes), "base_motion")
     return recording.assign(position=recording["position"].copy(data=shape))
 
 
-def _without_base_motion(position: NDArray, matrices: Any, rest: BaseRest) -> tuple[NDArray, NDArray | None]:
+def _without_base_motion(
+    position: NDArray, matrices: Any, rest: BaseRest, option: str
+) -> tuple[NDArray, NDArray | None]:
+    if rest.axes is None and (option == "remove_base_motion" or matrices is not None):
+        raise InputError(f"{option} needs the orientation of the base station, which this recording lacks at rest: "
+                         f"leave {option} out")
     back, base = np.swapaxes(turns_of_base(position, matrices, rest), -1, -2), position[:, rest.station, None]
     turned = None if matrices is None else back[:, None] @ matrices
     return np.einsum("tij,tsj->tsi", back, position - base) + rest.position, turned

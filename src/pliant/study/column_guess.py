@@ -190,10 +190,8 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     clock = next((k for k in clocks if runs(table.values[:, k])), None)
     if clock is None:  # read as stated, it is refused by the rows in which it goes back
         clock = next((k for k in clocks if parted(table.names[k])[0] in CLOCKS and table.changes(k)), None)
-    ticks = clock is None  # of a counter of the computer, in a unit that the laboratory knows
-    if clock is None:
-        clock = next((k for k, name in enumerate(table.names) if k not in used and {"tick", "ticks"} & {*words_of(name)}
-                      and rises(table.values[:, k])), None)  # fmt: skip
+    ticks = counter_of(table, used) if clock is None else None
+    clock = ticks if clock is None else clock
     parts = parted_clock(table.names) if clock is None else parted_by_unit(table)
     parts = parts if parts and clock in (None, parts.seconds, parts.fraction) else None  # not beside a whole clock
     used |= {parts.seconds, parts.fraction} if parts else set()
@@ -201,7 +199,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
     rest = [k for k in rest if k != trial]
     timed, of_times = clock_entries(table, clock, stations)
-    timed |= {"time_unit": OPEN} if ticks and clock is not None else {}
+    timed |= {"time_unit": OPEN} if ticks is not None else {}
     clock = None if parts else clock
     if parts:
         timed = {"time": [table.names[parts.seconds], table.names[parts.fraction]], "time_unit": parts.unit}
@@ -217,6 +215,12 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     if trial is not None and (values := blocks(table.values[:, trial])):
         trials = (table.names[trial], values)
     return asked({**mapping, **inputs}, table, [note, of_times, *notes], trials)
+
+
+def counter_of(table: PlainTable, used: set[int]) -> int | None:
+    """Return the column of the ticks of a computer, in a unit that the laboratory knows; None if there is none."""
+    return next((k for k, name in enumerate(table.names) if k not in used and {"tick", "ticks"} & {*words_of(name)}
+                 and rises(table.values[:, k])), None)  # fmt: skip
 
 
 def curved(table: PlainTable) -> TableGuess | None:
