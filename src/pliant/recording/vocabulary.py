@@ -46,8 +46,9 @@ AT_BASE, AT_TIP = {"base", "root", "mount", "ground"}, {"tip", "end", "ee", "eff
 
 
 def without_accents(text: str) -> str:
-    """Return a text with letters, digits and brackets in their plain forms: é as e, and full-width signs narrow."""
-    return "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    """Return a text with letters and brackets in their plain forms: é as e, and full-width signs narrow; ² stays."""
+    parts = (c if "<su" in unicodedata.decomposition(c) else unicodedata.normalize("NFKD", c) for c in text)
+    return "".join(c for c in "".join(parts) if not unicodedata.combining(c))
 
 
 TRANSLATED = {without_accents(word): english for english, words in ENGLISH.items() for word in words.split()}

@@ -249,11 +249,9 @@ def input_entry(table: PlainTable, members: Sequence[int], kind: str, unit: str)
         values = table.values[:, members]
         width = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
         first = values[np.isfinite(values).all(axis=1)][:1]
-        entry: dict[str, Any] = {"columns": names, "kind": "displacement", "unit": "mm"}
-        if not (np.abs(first) > width).any():
-            return entry, ""
-        far = f"{', '.join(names)}: far from 0 at first, where nothing pulls as is assumed: correct zero if it does"
-        return {**entry, "zero": first.ravel().tolist()}, far
+        far = f"{', '.join(names)}: far from 0 at first; if nothing pulls then, add zero = {first.ravel().tolist()}"
+        entry = {"columns": names, "kind": "displacement", "unit": "mm"}
+        return entry, far if (np.abs(first) > width).any() else ""
     if unit:
         return {"columns": names, "kind": kind, "unit": unit}, ""
     widest = float(np.nanmax(np.abs(table.values[:, list(members)])))
