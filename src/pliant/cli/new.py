@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 def lengths(given: Any) -> float | tuple[float, ...]:
     """Return a length [m], or those of several segments that commas separate."""
-    one = in_unit("m")
-    return tuple(map(one, given.split(","))) if isinstance(given, str) and "," in given else one(given)
+    metres = in_unit("m")
+    return tuple(map(metres, given.split(","))) if isinstance(given, str) and "," in given else metres(given)
 
 
 lengths.__name__ = "float"  # as the help shows it

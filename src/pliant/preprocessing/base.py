@@ -281,8 +281,8 @@ def turns_of_base(position: NDArray, matrices: Any, rest: BaseRest) -> NDArray:
 
 def is_turned(stations: xr.Dataset, index: int) -> bool:
     """Return whether the orientation of a station is known."""
-    known = "quaternion" in stations and np.isfinite(stations["quaternion"].values[:, index]).all(axis=-1).any()
-    return bool(known)
+    return "quaternion" in stations and bool(
+        np.isfinite(stations["quaternion"].values[:, index]).all(axis=-1).any())
 
 
 def base_is_moved(stations: xr.Dataset, index: int) -> bool:

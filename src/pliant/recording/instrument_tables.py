@@ -44,16 +44,16 @@ def as_table(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
 def of_trc(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
     """Return the table of a TRC file, whose rows hold a frame number, the time, and the positions of its markers."""
     rows = [line.rstrip("\r\n") for line in lines if line.strip()]
-    about = dict(zip(*(row.split("\t") for row in rows[1:3]), strict=False)) if len(rows) > ABOVE_TRC else {}
-    markers = [cell.strip() for cell in rows[3].split("\t")[2:] if cell.strip()] if about else []
-    if not markers or "Units" not in about:
+    header = dict(zip(*(row.split("\t") for row in rows[1:3]), strict=False)) if len(rows) > ABOVE_TRC else {}
+    markers = [cell.strip() for cell in rows[3].split("\t")[2:] if cell.strip()] if header else []
+    if not markers or "Units" not in header:
         raise InputError(f"{name} is a TRC file without Units or names of markers in its first lines: export it again")
-    names = [f"{marker.replace(' ', '_')}_{axis} [{about['Units'].strip()}]" for marker in markers for axis in "xyz"]
+    names = [f"{marker.replace(' ', '_')}_{axis} [{header['Units'].strip()}]" for marker in markers for axis in "xyz"]
     body, short = of_width(rows[ABOVE_TRC:], len(names) + 2, name)
-    count = whole_number(about.get("NumFrames", "").strip())
+    count = whole_number(header.get("NumFrames", "").strip())
     metadata = [] if count is None else [f"# {json.dumps({'rows': count})}"]
     return [*metadata, "\t".join(["Frame", "t", *names]), *body, ""], [
-        f"{name} is a TRC file: {len(markers)} marker(s) in {about['Units'].strip()}", *short]  # fmt: skip
+        f"{name} is a TRC file: {len(markers)} marker(s) in {header['Units'].strip()}", *short]  # fmt: skip
 
 
 def of_qualisys(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:

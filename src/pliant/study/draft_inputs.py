@@ -99,11 +99,11 @@ def chambers_in_plane(out: Lines, inspected: Inspected) -> None:
             continue
         side, begin, end = chamber_span(trial.aligned, channel)
         evidence, part = f"as the stations of {trial.path.name} move", f"from {1e3 * begin:.0f} to {1e3 * end:.0f} mm"
-        whole = inspected.parts or even_parts(body_length(trial) or end)
-        passed = [k for k in joints_up_to(end, whole) if k not in joints_up_to(begin, whole)]
+        divided = inspected.parts or even_parts(body_length(trial) or end)
+        passed = [k for k in joints_up_to(end, divided) if k not in joints_up_to(begin, divided)]
         if trial.dense:
             out.say(f"joints = [...]  (the joints {part}, {evidence}; default: all)")
-        elif len(passed) < len(whole):
+        elif len(passed) < len(divided):
             out.put("joints", passed, f"the joints that it bends: the body bends {part}, {evidence}")
         if side < 0:
             out.put("joint_gain", -1.0, f"it bends the body to the other side, {evidence}")
@@ -137,8 +137,8 @@ def tendons(out: Lines, inspected: Inspected) -> None:
         out.item("actuator.tendons", name)
         out.put("driven_by", signal.kind, "as its column says" if trial.guess else "as the mapping states")
         azimuth_of(out, round(ends[k][0] if ends else shown[k]) if shown else None)
-        whole = inspected.parts or even_parts(body_length(trial) or (ends[k][1] if ends else 0.0))
-        if ends and len(passed := joints_up_to(ends[k][1], whole)) < len(whole):
+        divided = inspected.parts or even_parts(body_length(trial) or (ends[k][1] if ends else 0.0))
+        if ends and len(passed := joints_up_to(ends[k][1], divided)) < len(divided):
             out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
         if trial.tracks_one_body and len(trial.tendon_inputs) > OF_ONE_SEGMENT:
             out.ask("stop", "m from the base, where it ends: a single tracked body does not show it")

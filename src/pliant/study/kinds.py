@@ -126,8 +126,8 @@ def levels_by_name(trials: Sequence[Trial]) -> dict[str, dict[str, float | str]]
     few values share, such as m1 and m2, names the inputs; the others are 0.
     """
     labelled = [named_pressures(trial.path.stem) for trial in trials]
-    if labelled[0] and all(one.keys() == labelled[0].keys() for one in labelled):
-        return {trial.name: dict(one) for trial, one in zip(trials, labelled, strict=True)}
+    if labelled[0] and all(levels.keys() == labelled[0].keys() for levels in labelled):
+        return {trial.name: {**levels} for trial, levels in zip(trials, labelled, strict=True)}
     parts = [trial.path.stem.split("_") for trial in trials]
     width = min(len(p) for p in parts)
     columns = [[p[k] for p in parts] for k in range(width)]
