@@ -86,3 +86,18 @@ def test_unequal_segments_are_stated_once(tmp_path: Path) -> None:
     wrong = invoke("new", tmp_path / "study.toml", "--from", path, "--length", "30mm,50kPa")
     assert wrong.exit_code
     assert "50kPa" in wrong.output
+
+
+def test_ticks_of_a_computer_are_times_in_a_unit_that_is_asked(tmp_path: Path) -> None:
+    time, pressure, base, tip = bending()
+    rows = [",".join([str(638 * 10**15 + round(1e7 * t)), *(f"{1e3 * v:.3f}" for v in (*b, *e)), f"{p:.2f}"])
+            for t, b, e, p in zip(time, base, tip, pressure, strict=True)]  # fmt: skip
+    path = tmp_path / "arm.csv"
+    path.write_text("\n".join([",".join(["ticks", *PLACES, "p [kPa]"]), *rows, ""]))
+    study, asked = drafted(tmp_path, path)
+    assert asked == ["time_unit"]
+    assert "inputs" not in study["mapping"]
+    text = (tmp_path / "study.toml").read_text().replace('time_unit = "?"', 'time_unit = "100ns"')
+    (tmp_path / "study.toml").write_text(text)
+    body = all_aligned(load_study(tmp_path / "study.toml"))["arm"].body
+    assert float(np.ptp(body["time"].values)) == pytest.approx(np.ptp(time), abs=1e-3)
