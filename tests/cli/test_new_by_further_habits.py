@@ -101,3 +101,12 @@ def test_ticks_of_a_computer_are_times_in_a_unit_that_is_asked(tmp_path: Path) -
     (tmp_path / "study.toml").write_text(text)
     body = all_aligned(load_study(tmp_path / "study.toml"))["arm"].body
     assert float(np.ptp(body["time"].values)) == pytest.approx(np.ptp(time), abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["p_bar", "p_soll"])
+def test_an_array_that_a_mapping_names_is_a_set_point_by_its_name(tmp_path: Path, name: str) -> None:
+    time, pressure, base, tip = bending()
+    np.savez(tmp_path / "arm.npz", t=time, position=np.stack([base, tip], axis=1), **{name: pressure / 100.0})
+    (tmp_path / "m.toml").write_text(f'pressure = "{name}"\npressure_unit = "bar"\n')
+    study, _ = drafted(tmp_path, tmp_path / "arm.npz", body=(*BODY, "--mapping", str(tmp_path / "m.toml")))
+    assert study["recordings"]["arm"].get("signal") == ("commanded" if name == "p_soll" else None)

@@ -217,7 +217,8 @@ def is_set_point(name: str) -> bool:
 
 def named_by(trial: Trial) -> str:
     """Return the name of the column of the only pressure of a recording, by its mapping; "" if none names it."""
-    columns = ((trial.guess.mapping if trial.guess else trial.mapping or {}).get("pressure") or {}).get("columns", [])
+    pressure = (trial.guess.mapping if trial.guess else trial.mapping or {}).get("pressure", [])
+    columns = pressure.get("columns", []) if hasattr(pressure, "get") else [pressure]  # arrays and channels by name
     return columns[0] if len(columns) == 1 and isinstance(columns[0], str) else ""
 
 
