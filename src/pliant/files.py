@@ -392,8 +392,8 @@ MAPPING = FileKind("a mapping, which describes the columns of a table", "pass it
 RECORDING = FileKind("a recording", "look at it by `pliant inspect`, and write a study for it by `pliant new "
                      "STUDY.toml --from FILE`")  # fmt: skip
 ENTRIES = (".toml", ".json")
-RECORDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".nc", ".nc4", ".cdf", ".h5", ".hdf5", ".c3d", ".npz", ".mat",
-              ".lvm", ".tdms", ".mcap", ".db3")  # fmt: skip
+RECORDINGS = (".csv", ".tsv", ".trc", ".txt", ".dat", ".log", ".nc", ".nc4", ".cdf", ".h5", ".hdf5", ".c3d", ".npz",
+              ".mat", ".lvm", ".tdms", ".mcap", ".db3")  # fmt: skip
 
 
 def kind_of_file(path: Path) -> FileKind | None:

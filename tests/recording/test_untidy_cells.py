@@ -6,8 +6,8 @@ import pytest
 
 from pliant.errors import InputError
 from pliant.recording import read
-from pliant.recording.column_names import base_to_tip
 from pliant.recording.units_row import with_units
+from pliant.recording.vocabulary import base_to_tip
 
 MAPPING = {"time": "t", "length_unit": "m", "stations": {"tip": {"position": ["x", "y", "z"]}}}
 

@@ -11,6 +11,7 @@ import pytest
 from command_line import invoke
 
 from pliant.study.kinds import named_level
+from pliant.study.named_levels import named_pressures
 
 pytestmark = pytest.mark.usefixtures("untried")
 
@@ -39,3 +40,11 @@ def test_a_draft_of_settled_poses_takes_the_signs_of_the_names_or_asks(tmp_path,
     assert done.exit_code == 0, done.exception or done.output
     study = tomllib.loads((tmp_path / "s.toml").read_text(encoding="utf-8"))
     assert [value for file in files for value in study["recordings"][file.stem]["inputs"].values()] == levels
+
+
+@pytest.mark.parametrize(("stem", "pressures"), [
+    ("A10kPa_B0kPa", {"A": 1e4, "B": 0.0}), ("P1_20kPa_P2_-5kPa", {"P1": 2e4, "P2": -5e3}),
+    ("pulse_60kPa", {}), ("10kPa_20kPa", {}), ("A10kPa_A20kPa", {}), ("A1,5bar_B2bar", {}),
+])  # fmt: skip
+def test_pressures_behind_labels(stem, pressures):
+    assert named_pressures(stem) == pressures

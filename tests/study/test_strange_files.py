@@ -246,6 +246,22 @@ def test_typed_steps_keep_their_last_level_to_the_end_of_a_shape_that_does_not_r
     assert np.ptp(clock) == pytest.approx(np.ptp(time), rel=0.05)
 
 
+def test_typed_steps_that_end_where_they_begin_are_let_off_by_their_last_row(tmp_path):
+    """The shape returns after the last row: without its effect the steps fit some seconds later as well."""
+    time = np.arange(0.0, 12.0, 1.0 / 30.0)
+    level = np.select([time < 1.0, time < 4.0, time < 8.0], [0.0, 12.0, 24.0], 0.0)
+    bent = np.zeros_like(time)
+    for k in range(1, len(time)):
+        bent[k] = bent[k - 1] + 0.3 * (level[k] - bent[k - 1])
+    places = np.stack([np.zeros((len(time), 3)), np.column_stack([-0.003 * bent, 0.2 - 0.001 * bent, 0.0 * bent])], 1)
+    shape = make_recording(time, places, station=["base", "tip"])
+    log = written(tmp_path / "film_log.csv", ["t_s", "p_kPa"], np.array([0.0, 1.0, 4.0, 8.0]),
+                  np.array([0.0, 12.0, 24.0, 0.0]))  # fmt: skip
+    joined, problem = with_log(shape, log, "film")
+    assert not problem
+    assert abs(joined["pressure_time"].values[0]) < 0.15
+
+
 ARRAYS = {"time": "mocap.time", "position": {"base": "mocap.base", "tip": "mocap.tip"}, "pressure": "daq.pressure"}
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +13,15 @@ from pliant.cli.terminal import answer, in_unit
 
 if TYPE_CHECKING:
     from pliant.study.draft import Draft
+
+
+def lengths(given: Any) -> float | tuple[float, ...]:
+    """Return a length [m], or those of several segments that commas separate."""
+    metres = in_unit("m")
+    return tuple(map(metres, given.split(","))) if isinstance(given, str) and "," in given else metres(given)
+
+
+lengths.__name__ = "float"  # as the help shows it
 
 
 def new(
@@ -26,8 +35,10 @@ def new(
                      help="Recordings, and logs of their pressures (push_log.csv for push.csv), e.g. --from *.csv"),
     ],
     mapping: Annotated[list[str] | None, typer.Option(metavar="<path>", help=MAPPING)] = None,
-    length: Annotated[float | None, typer.Option(parser=in_unit("m"),
-                                                 help="Length of the body, m, or as 170mm.")] = None,
+    length: Annotated[Any, typer.Option(
+        parser=lengths, metavar="<float>",
+        help="Length of the body, m, or as 170mm; of unequal segments from the base on, as 60mm,62mm.",
+    )] = None,
     mass: Annotated[float | None, typer.Option(parser=in_unit("kg"), help="Mass of the body, kg, or as 50g.")] = None,
     level_kpa: Annotated[
         float | None, typer.Option("--level-kpa", parser=in_unit("kPa"),
@@ -60,9 +71,11 @@ def new(
     direction = None if gravity is None else vector(
         gravity, 3, f"--gravity must be three numbers 'x,y,z', got {gravity!r}", "m/s^2"
     )
+    parts = length if isinstance(length, tuple) else None
     columns, given = load_mapping(mapping), [*files, *more]
     with busy("reading the recordings"):
-        draft = draft_study(given, study, mapping=columns, level=level, length=length, mass=mass, gravity=direction)
+        draft = draft_study(given, study, mapping=columns, level=level, length=None if parts else length, mass=mass,
+                            segments=parts, gravity=direction)
     write_new(study, draft.text)
     with suppress(KeyboardInterrupt), busy("trying the study; Ctrl-C leaves it untried"):
         draft = checked(draft, study)

@@ -17,12 +17,15 @@ import numpy as np
 from pliant.errors import InputError
 from pliant.preprocessing.base import (
     BaseRest,
+    base_is_moved,
     base_rotation_at_rest,
     base_tangent,
     bending_normal,
     input_normal,
+    is_turned,
     named_axis,
     still_noise,
+    turns_of_base,
     with_base_input,
 )
 from pliant.preprocessing.detectors import BLOCK_FRAMES, mean_place, orientation_jumps, seen_points
@@ -126,7 +129,7 @@ def align(
     if recording.attrs["frame"] == "planar":
         return half_turn(recording) if bend is not None and planar_side(recording) == -_wanted_sign(bend) else recording
     recording = _without_jumps(recording if arc_length is not None else without_unseen(recording), undo=undo_jumps)
-    index, (window, span) = _base_index(recording, base), _rest(recording, rest)
+    window, span = _rest(recording, rest, index := _base_index(recording, base))
     position = recording["position"].values
     matrices = to_matrix(recording["quaternion"].values) if "quaternion" in recording else None
     pose = _rest_pose(position[window], recording)
@@ -204,9 +207,11 @@ def _base_index(recording: xr.Dataset, base: str | None) -> int:
     return names.index(base)
 
 
-def _rest(recording: xr.Dataset, rest: Sequence[float] | None) -> tuple[NDArray, tuple[float, float]]:
+def _rest(
+    recording: xr.Dataset, rest: Sequence[float] | None, index: int
+) -> tuple[NDArray, tuple[float, float]]:
     time = recording["time"].values
-    start, end = rest_window(recording) if rest is None else _pair(rest)
+    start, end = rest_window(seen_from_base(recording, index)) if rest is None else _pair(rest)
     window = (time >= start) & (time <= end)
     if not window.any():
         raise InputError(f"the rest window {start:g} to {end:g} s contains no frame: set rest within "
@@ -267,14 +272,28 @@ def _rest_pose(position: NDArray, recording: xr.Dataset) -> NDArray:
     return pose
 
 
+def seen_from_base(recording: xr.Dataset, index: int) -> xr.Dataset:
+    """Return the recording with its positions relative to a base that moves as that of a robot does, from which a body
+    on it may rest; the recording itself if its base stands still.
+    """
+    if not base_is_moved(recording, index):
+        return recording
+    position = recording["position"].values
+    matrices = to_matrix(recording["quaternion"].values) if is_turned(recording, index) else None
+    axes = None if matrices is None else base_rotation_at_rest(matrices, index, np.ones(len(position), bool))
+    shape, _ = _without_base_motion(position, matrices, BaseRest(index, np.zeros(3), axes), "base_motion")
+    return recording.assign(position=recording["position"].copy(data=shape))
+
+
 def _without_base_motion(
     position: NDArray, matrices: Any, rest: BaseRest, option: str
 ) -> tuple[NDArray, NDArray | None]:
-    if rest.axes is None:
-        raise InputError(f"{option} needs the orientation of the base station, which this recording lacks: leave "
-                         f"{option} out")
-    back, base = rest.axes @ np.swapaxes(matrices[:, rest.station], -1, -2), position[:, rest.station, None]
-    return np.einsum("tij,tsj->tsi", back, position - base) + rest.position, back[:, None] @ matrices
+    if rest.axes is None and (option == "remove_base_motion" or matrices is not None):
+        raise InputError(f"{option} needs the orientation of the base station, which this recording lacks at rest: "
+                         f"leave {option} out")
+    back, base = np.swapaxes(turns_of_base(position, matrices, rest), -1, -2), position[:, rest.station, None]
+    turned = None if matrices is None else back[:, None] @ matrices
+    return np.einsum("tij,tsj->tsi", back, position - base) + rest.position, turned
 
 
 def _wanted_sign(bend: str) -> int:
@@ -353,7 +372,7 @@ def _aligned(
     rest = f"rest {report.rest_s[0]:.3g} to {report.rest_s[1]:.3g} s, bending sign {report.bending:+d}"
     out = f"{1e3 * report.out_of_plane_rms_m:.3g} mm rms ({100 * report.out_of_plane_share:.2g} % of the motion)"
     lines = [f"aligned: {frame}, {rest}", f"out of plane {out}, {'kept' if space else 'left out'}"]
-    lines += clock_finding(recording)
+    lines += clock_finding(seen_from_base(recording, _base_index(recording, report.base)))
     if report.flatness > VAGUE_PLANE:
         lines.append(f"the plane of bending is uncertain: the motion across it is {100 * report.flatness:.0f} % of "
                      "the motion in it")

@@ -252,7 +252,7 @@ def with_base_input(
     position, matrices, rest = tracked
     report = alignment_of(aligned)
     axes, origin = np.array(report.rotation), np.array(report.origin)
-    turned = matrices[:, rest.station] @ rest.axes.T
+    turned = turns_of_base(position, matrices, rest)
     moved = (position[:, rest.station] + turned @ (origin - rest.position) - origin) @ axes.T
     rotation = axes @ turned @ axes.T
     unknown = int((~np.isfinite(moved).all(axis=1)).sum())
@@ -270,15 +270,29 @@ def with_base_input(
     return append_history(with_base_motion(aligned, moved[:, :2], angle=angle, cutoff=cutoff), *lines)
 
 
-def base_is_moved(stations: xr.Dataset, aligned: xr.Dataset) -> bool:
-    """Return whether the base station of a recording, with an orientation, moves by more than a tenth of the largest
-    peak displacement, and carries all other stations along. `stations` is the recording before its alignment.
+def turns_of_base(position: NDArray, matrices: Any, rest: BaseRest) -> NDArray:
+    """Return the rotation (T, 3, 3) of the base station since rest, in the tracker's frame; none if it has no
+    orientation.
     """
-    base, names = alignment_of(aligned).base, [str(n) for n in stations["station"].values]
-    if "quaternion" not in stations or len(names) < 2:
-        return False
-    if not np.isfinite(stations["quaternion"].values[:, names.index(base)]).all(axis=-1).any():
+    if rest.axes is None:
+        return np.broadcast_to(np.eye(3), (len(position), 3, 3))
+    return np.asarray(matrices[:, rest.station] @ rest.axes.T)
+
+
+def is_turned(stations: xr.Dataset, index: int) -> bool:
+    """Return whether the orientation of a station is known."""
+    return "quaternion" in stations and bool(
+        np.isfinite(stations["quaternion"].values[:, index]).all(axis=-1).any())
+
+
+def base_is_moved(stations: xr.Dataset, index: int) -> bool:
+    """Return whether the base station of a recording before its alignment moves by more than a tenth of the largest
+    peak displacement, and carries all other stations along. Without an orientation it must have the name of a base:
+    the first disk of a body that no station holds moves too.
+    """
+    if stations.sizes["station"] < 2 or not (
+        is_turned(stations, index) or "base" in str(stations["station"].values[index]).lower()
+    ):
         return False
     travel = np.nan_to_num(detectors.travel(detectors.without_spikes(stations["position"].values)))
-    base_travel = travel[names.index(base)]
-    return bool(base_travel > BASE_SHARE * travel.max() and travel.min() >= STILL_SHARE * base_travel)
+    return bool(travel[index] > BASE_SHARE * travel.max() and travel.min() >= STILL_SHARE * travel[index])

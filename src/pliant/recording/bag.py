@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 IMU, FLUID = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
-NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float32", "std_msgs/msg/Float64MultiArray",
-           "std_msgs/msg/Float32MultiArray")
 TOGETHER = 0.5  # of the frame interval: messages of two topics that are closer in time belong to one frame
 
 
@@ -318,7 +316,7 @@ def pressures_of(
         return {}
     clock, values, names = None, [], list[str]()
     for name, topic in pressures.items():
-        if topic.kind not in (FLUID, *NUMBERS):
+        if topic.rows.shape[2] != 1:
             raise InputError(f"topic of chamber {clipped(name)} of {file} holds no numbers: choose a topic of "
                              "pressures or plain numbers")
         if topic.kind != FLUID and unit is None:

@@ -11,7 +11,7 @@ from pliant.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "min": 60.0, "h": 3600.0}
 COUNTERS = (2**16, 2**31, 2**32)  # ticks after which millis(), micros() and 16-bit timers begin again
 YEAR_2000, YEAR_2100 = 9.466848e8, 4.1025312e9  # s since 1970
 ROUND = (60, 10**3, 10**6, 10**9)  # ticks of a second or a minute, after which a counter may begin again

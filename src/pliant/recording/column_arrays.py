@@ -141,7 +141,7 @@ class ColumnMapping(FileMapping):
     time : column or two columns, optional
         Column of time in `time_unit` (default: the unit in its name, or s), or a column of seconds and one of their
         fraction in `time_unit`. Times of day, such as 10:11:12.5, are read as they are. Without it `rate_hz` is needed.
-    time_unit : {"s", "ms", "us", "ns", "min", "h"}
+    time_unit : {"s", "ms", "us", "ns", "100ns", "min", "h"}
         Unit of the column of time, or of the column of the fraction.
     input_time : column, optional
         Column of the times of pressure and inputs, where they have a clock of their own in the table.
@@ -188,7 +188,7 @@ class ColumnMapping(FileMapping):
     time: Column | tuple[Column, Column] | None = None
     input_time: Column | None = None
     na: list[str | float] = Field(default=[])
-    time_unit: Literal["s", "ms", "us", "ns", "min", "h"] = "s"
+    time_unit: Literal["s", "ms", "us", "ns", "100ns", "min", "h"] = "s"
     rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     length_unit: str = ""
     camera: Camera | None = None

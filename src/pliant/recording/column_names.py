@@ -14,6 +14,20 @@ import numpy as np
 from pliant.errors import InputError, shown
 from pliant.recording.clock import SECONDS
 from pliant.recording.tables import holds_number
+from pliant.recording.vocabulary import (
+    ABSOLUTE,
+    AMBIENT,
+    COMMAND,
+    FLUID,
+    NOT_INSIDE,
+    OTHERS,
+    PERHAPS_MEASURED,
+    PRESSED,
+    REFERENCE,
+    base_to_tip,
+    in_english,
+    says_end,
+)
 from pliant.units import METRE, PASCAL, PIXEL, RADIAN, standard_unit
 
 if TYPE_CHECKING:
@@ -30,8 +44,7 @@ JOINED = re.compile(r"(.*[a-z0-9])([XYZ])|(.*[0-9])([xyz])")  # tipX, m0x
 ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
 BACK = re.compile(r"^([xyz])([bt])(?![a-z0-9])")  # xb, as bx
 SHORT = re.compile(r"(?:(.+)[_ .:])?([a-z])([xyz])", re.IGNORECASE)  # bx, Port1_Tx
-TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "datetime", "date_time", "date", "clock",
-         "zeit", "zeitstempel", "uhrzeit", "temps", "tiempo", "tempo", "tid", "tijd"}  # fmt: skip
+TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "datetime", "date_time", "date", "clock"}
 COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
 ALONE = {"ms": "t_ms", "msec": "t_ms"}  # names of times where a table has no other, and no seconds beside them
 PARTS = {  # names of seconds, and of their fraction with its unit
@@ -47,27 +60,12 @@ BRACKETED = re.compile(  # tip_x [mm], p [bar(g)], p (bar(g))
     r"(.+?)[\s_]*(?:\[\s*([^\[\]]+?)\s*\]|\(\s*([^()]+(?:\([^()]*\))?)\s*\))")
 ENDING = re.compile(r"(.+)[_ ]([A-Za-z\u00b5\u03bc\u00b0]+)")  # tip_x_mm
 CLOCK_FACE = re.compile(r"h*:?m+:s+(?:[.:,](?:m|s|f|0|x|u)+)?")  # hh:mm:ss.ms, how times are written
-WORD = re.compile(r"[kMmh]Pa(?![a-z])|[km]N(?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°")
+WORD = re.compile(r"[kMmh]Pa(?![a-z])|kN(?![a-z])|m[NAV](?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°|"
+                  r"[^\W_\x00-\x7f]+")
 LETTERS = set("afgoqvw")  # of quantities that are no positions
 TORQUES = re.compile(r"(?:.* )?(?:fx fy fz tx ty tz|Fx Fy Fz Tx Ty Tz|FX FY FZ TX TY TZ)(?: .*)?")  # of a load cell
 PERHAPS_A_PLACE = "tx, ty, tz of"  # beginning of the sentence on them
 LOAD_OR_PLACE = ("fx", "fy", "fz", "tx", "ty", "tz")  # in lower case the last three may also be a place
-OTHERS = re.compile(r"forces?|acc\w*|gyr\w*|mag(?!nets?$)\w*|vel\w*|speed|twist|torques?|moments?|wrench\w*|load_?cell|"
-                    r"rot\w*|ang|angles?|angular|orient\w*|ori|quat\w*|grav\w*|imu\w*|euler\w*|omega|target|goal|ref|"
-                    r"reference|cmd|command\w*|des|desired|setpoint|set_point")  # fmt: skip
-AIR = r"atm\w*|ambient|barom\w*"  # around a body
-AMBIENT = re.compile(rf"(?:.*[\W_])?(?:{AIR})(?:[\W_].*)?", re.IGNORECASE)
-DES = r"des(?![\W_]+[a-z]+s(?![a-z]))"  # p_des, not pression des tubes
-COMMANDS = rf"set\w*|cmd|command\w*|ref\w*|target|{DES}|desired|goal|soll|consigne"
-ELSEWHERE = rf"{COMMANDS}|supply|tank|{AIR}"  # no chamber
-PRESSED = re.compile(r"p[0-9]*|(?:.*[\W_])?pressures?[0-9]*(?:[\W_].*)?", re.IGNORECASE)  # names that say pressure
-FLUID = re.compile(r"(?!.*baro)(?:.*[./])?fluid_pressure", re.IGNORECASE)  # the field of a message of ROS, in Pa
-NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
-COMMAND = re.compile(rf"(?!.*(?:supply|tank|{AIR}))(.*[\W_])?({COMMANDS})([\W_].*)?", re.IGNORECASE)
-REFERENCE = re.compile(r"(?:^|[\W_])ref", re.IGNORECASE)
-PERHAPS_MEASURED = re.compile(r"(?:^|[\W_])(?:ist|act(?:ual)?|meas\w*|raw|druck|press\w*|mesur\w*)(?:[\W_\d]|$)",
-                              re.IGNORECASE)  # fmt: skip
-ABSOLUTE = re.compile(r"(?:^|[\W_])abs(?:olute)?(?:[\W_]|$)", re.IGNORECASE)  # a pressure that is no gauge pressure
 LENGTHS, ANGLES = {*METRE, PIXEL}, {"angle", "angles", "theta", "flex"}  # units; words of tables of angles
 WORDS = {"in", "atm"}  # units that are words as well: a name states them in brackets alone
 
@@ -93,9 +91,12 @@ def standard_names(names: list[str], file: str) -> Renamed:
     InputError
         When the position columns state different units of length, or only some of them state one.
     """
+    written, english = names, Counter(map(in_english, names))
+    names = [plain if english[plain := in_english(name)] == 1 else name for name in written]
     positions = {name: coordinate for name in names if (coordinate := _position(name))}
-    if any(BEFORE.fullmatch(name) for name in names):  # where x_tip is a position, acc_x is not
-        positions = {name: coordinate for name, coordinate in positions.items() if BEFORE.fullmatch(name)}
+    if any(BEFORE.fullmatch(name) for name in names):  # where x_tip is a position, foo_x is not, but tip_y or tip_x_mm
+        positions = {name: (new, unit) for name, (new, unit) in positions.items()
+                     if unit or BEFORE.fullmatch(name) or says_end(new)}  # fmt: skip
     body, short = _one_body(names, positions), _short(names)
     positions = short if not positions and set(short) > set(body) else body or positions
     units = {unit for _, unit in positions.values()}
@@ -109,7 +110,7 @@ def standard_names(names: list[str], file: str) -> Renamed:
     standard |= {n: other for n in names if n not in standard and (other := clocks.get(n))}
     pressures = {n: other for n in names if n not in standard and (other := _pressure(n))}
     inside = {n: other for n, other in pressures.items() if not NOT_INSIDE.fullmatch(n)}
-    standard |= inside or pressures
+    standard |= inside or ({} if _perhaps_measured(set(names) - set(pressures)) else pressures)
     rest = [name for name in names if name not in standard]
     channels = _channels(rest, [*standard.values()]) or ({} if positions or short else _set_points(rest, pressures))
     if not pressures and not channels and len(fluids := unitless_pressures(names)) == 1 and FLUID.fullmatch(fluids[0]):
@@ -117,14 +118,16 @@ def standard_names(names: list[str], file: str) -> Renamed:
     standard |= channels
     owners = Counter([*names, *(new for old, new in standard.items() if old != new)])
     changed = {old: new for old, new in standard.items() if old != new and owners[new] == 1}
-    return Renamed([changed.get(n, n) for n in names], next(iter(units), ""), _sentence(changed, units))
+    listed = [changed.get(n, n if n in standard else w) for n, w in zip(names, written, strict=True)]
+    original = dict(zip(names, written, strict=True))
+    return Renamed(listed, next(iter(units), ""), _sentence({original[n]: new for n, new in changed.items()}, units))
 
 
 def parted(name: str) -> tuple[str, str]:
     """Split a column name such as ``tip_x_mm`` into the name without the unit, in lower case, and the unit ("" for
     none).
     """
-    words = [w for w in re.split(r"[\s_\[\]()]+", name.lower()) if w]
+    words = [w for w in re.split(r"[\s_\[\]()]+", in_english(name).lower()) if w]
     words = [w for w in words if not CLOCK_FACE.fullmatch(w)] or words
     last = standard_unit(words[-1]) if words else ""
     if len(words) > 1 and any(last in units for units in UNITS):
@@ -139,7 +142,12 @@ def is_time(name: str) -> bool:
 
 def words_of(name: str) -> list[str]:
     """Return the words and numbers of a column name in lower case: servo_4_mm gives servo, 4, mm."""
-    return [word.lower() for word in WORD.findall(name)]
+    return [word.lower() for word in WORD.findall(in_english(name))]
+
+
+def is_command(name: str) -> bool:
+    """Return whether the name of a column says a set point, such as ``soll [kPa]`` or ``pTarget``."""
+    return COMMAND.fullmatch("_".join(words_of(name))) is not None
 
 
 def is_no_place(words: Sequence[str]) -> bool:
@@ -259,25 +267,32 @@ def _set_points(names: Sequence[str], known: Collection[str]) -> dict[str, str]:
     ``soll [kPa]``; none where another column may hold the measured pressure. A reference may be that
     of a sensor.
     """
-    others = [name for name in names if not COMMAND.fullmatch(name)]
-    if known or any(ABSOLUTE.search(name) for name in names) or any(PRESSED.fullmatch(n) or PERHAPS_MEASURED.search(n)
-                                                                    for n in others):
+    if known or any(ABSOLUTE.search(name) for name in names) or _perhaps_measured(names):
         return {}
     commanded = {name: parts for name in names if COMMAND.fullmatch(name) and not REFERENCE.search(name)
                  and (parts := _without_unit(name, PASCAL))[1]}  # fmt: skip
-    return {name: f"p_{unit}" + f"_{bare}" * (len(commanded) > 1) for name, (bare, unit) in commanded.items()}
+    return {name: f"p_{unit}_{bare}" for name, (bare, unit) in commanded.items()}
 
 
-def unread_columns(names: Sequence[str], file: str) -> list[str]:
+def _perhaps_measured(names: Iterable[str]) -> bool:
+    """Return whether the name of a column other than a set point says that it may be a measured pressure."""
+    return any(PRESSED.fullmatch(n) or PERHAPS_MEASURED.search(n) for n in names if not COMMAND.fullmatch(n))
+
+
+def unread_columns(names: Sequence[str], file: str, *, measured: bool = False) -> list[str]:
     """Return sentences for the history on columns that were left out and may be what a study needs, with the entry of
-    a mapping that reads them: a place that may be the torques of a load cell, and a set point.
+    a mapping that reads them: a place that may be the torques of a load cell, and a set point. With `measured`, a
+    pressure is read, and set points are its commands.
     """
     said = []
     if {*LOAD_OR_PLACE} <= {*names}:
         said.append(f"{PERHAPS_A_PLACE} {file} are the torques of a load cell or the place of a body, and are not read:"
                     ' if a place, state stations = { tip = { position = ["tx", "ty", "tz"] } }, length_unit and the '
                     "pressure in its mapping")
-    units = {name: _without_unit(name, PASCAL)[1] for name in names if COMMAND.fullmatch(name)}
+    units = {name: _without_unit(name, PASCAL)[1] for name in names if COMMAND.fullmatch(in_english(name))}
+    if measured:
+        return said + [f"{shown(name)} of {file} is a set point by its name, and is not used beside measured pressure"
+                       for name, unit in units.items() if unit]  # fmt: skip
     return said + [f"{shown(name)} of {file} is a set point by its name, and is not read: if nothing measured the "
                    f"pressure, state pressure = {{ columns = [{json.dumps(name)}], unit = {unit!r} }} in its mapping"
                    for name, unit in units.items() if unit]  # fmt: skip
@@ -313,6 +328,7 @@ def pressures_named(names: Sequence[str], unit: str, file: str) -> tuple[list[st
 
 def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:
     """Return a name without the unit at its end, and the unit ("" where it ends with none of `units`)."""
+    name = in_english(name)
     if match := BRACKETED.fullmatch(name):
         unit = standard_unit(match[2] or match[3])
         return (match[1], unit) if unit in units else (name, "")
@@ -331,7 +347,7 @@ def unit_of(name: str, units: Iterable[str]) -> str:
 
 def bracketed_unit(name: str) -> str:
     """Return the unit that the name of a column states in brackets, in standard spelling; "" where there are none."""
-    match = BRACKETED.fullmatch(name)
+    match = BRACKETED.fullmatch(in_english(name))
     return standard_unit(match[2] or match[3]) if match else ""
 
 
@@ -361,7 +377,6 @@ def parted_clock(names: Sequence[str]) -> PartedClock | None:
     return None
 
 
-AT_BASE, AT_TIP = {"base", "root", "mount", "ground"}, {"tip", "end", "ee", "effector", "endeffector", "distal"}
 CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns", "t_min": "min", "t_h": "h"}
 COARSE = ("t_min", "t_h")
 SHAPES = ("stations", "points", "angles")
@@ -410,29 +425,6 @@ def clock_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
     if parts := parted_clock(names):
         return {"time": (cells[parts.seconds], cells[parts.fraction]), "time_unit": parts.unit}
     return {}
-
-
-def base_to_tip(stations: Sequence[str]) -> list[str]:
-    """Return the names of stations with the only one that says base first, and the only one that says tip or end last.
-    Where several say so, each of a segment of its own, the order stays.
-    """
-    bases = [name for name in stations if _says(name, AT_BASE)]
-    tips = [name for name in stations if _says(name, AT_TIP) and not _precedes(name, stations)]
-    first, last = (names if len(names) == 1 else [] for names in (bases, tips))
-    if first == last:
-        return list(stations)
-    return [*first, *(name for name in stations if name not in (*first, *last)), *last]
-
-
-def _says(name: str, words: Collection[str]) -> bool:
-    return bool({word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)} & set(words))
-
-
-def _precedes(name: str, stations: Sequence[str]) -> bool:
-    """Return whether a station such as seg1_end is the end of a segment before the last, as seg2_mid shows."""
-    segment = re.match(r"\D*(\d{1,9})(?=\D)", name)
-    others = [int(number) for station in stations for number in re.findall(r"\d{1,9}", station)]
-    return segment is not None and int(segment[1]) < max(others)
 
 
 def stations_of(names: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:

@@ -1,5 +1,6 @@
-"""Text tables of trackers that state names, rate and units in lines of their own: Qualisys (TSV), Vicon Nexus (CSV) and
-NDI Aurora (CSV). They become one row of names above rows of numbers; columns keep their places.
+"""Text tables of trackers that state names, rate and units in lines of their own: Qualisys (TSV), Vicon Nexus (CSV),
+NDI Aurora (CSV) and TRC, which several programs write. They become one row of names above
+rows of numbers; columns keep their places.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pliant.recording.tables import NUMBER, split_cells, whole_number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+ABOVE_TRC = 5  # lines above its rows of numbers
 QUALISYS, VICON = "NO_OF_FRAMES", {"Trajectories", "Devices", "Joints", "Model Outputs", "Segments"}
 DERIVED = {"'": "velocity_", "''": "acceleration_"}  # what Vicon marks behind the name of an axis
 AURORA = {"Q0": "qw", "Qx": "qx", "Qy": "qy", "Qz": "qz", "Tx": "x [mm]", "Ty": "y [mm]", "Tz": "z [mm]"}
@@ -34,7 +36,24 @@ def as_table(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
         return of_qualisys(lines, name)
     if lines and title_of(lines[0]) in VICON:
         return of_vicon(lines, name)
+    if first == "PathFileType":
+        return of_trc(lines, name)
     return of_aurora(lines, name) if first == "Tools" else (list(lines), [])
+
+
+def of_trc(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
+    """Return the table of a TRC file, whose rows hold a frame number, the time, and the positions of its markers."""
+    rows = [line.rstrip("\r\n") for line in lines if line.strip()]
+    header = dict(zip(*(row.split("\t") for row in rows[1:3]), strict=False)) if len(rows) > ABOVE_TRC else {}
+    markers = [cell.strip() for cell in rows[3].split("\t")[2:] if cell.strip()] if header else []
+    if not markers or "Units" not in header:
+        raise InputError(f"{name} is a TRC file without Units or names of markers in its first lines: export it again")
+    names = [f"{marker.replace(' ', '_')}_{axis} [{header['Units'].strip()}]" for marker in markers for axis in "xyz"]
+    body, short = of_width(rows[ABOVE_TRC:], len(names) + 2, name)
+    count = whole_number(header.get("NumFrames", "").strip())
+    metadata = [] if count is None else [f"# {json.dumps({'rows': count})}"]
+    return [*metadata, "\t".join(["Frame", "t", *names]), *body, ""], [
+        f"{name} is a TRC file: {len(markers)} marker(s) in {header['Units'].strip()}", *short]  # fmt: skip
 
 
 def of_qualisys(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:

@@ -60,7 +60,7 @@ BUILT_IN = {  # name -> the reader and the endings of its files: only readers of
     "luna": ("pliant.recording.luna:READER", (".tsv", ".txt")),
     "motive": ("pliant.recording.motive:READER", (".csv",)),
     "angles": ("pliant.recording.angle_log:READER", (".csv", ".txt", ".tsv", ".log", ".dat")),
-    "csv": ("pliant.recording.wide_csv:READER", (".csv", ".tsv")),  # last: reads any other table
+    "csv": ("pliant.recording.wide_csv:READER", (".csv", ".tsv", ".trc")),  # last: reads any other table
 }
 ENDINGS = {name: endings for name, (_, endings) in BUILT_IN.items()}
 
@@ -335,9 +335,11 @@ ELSEWHERE = {  # what to do with files of other programs, by their endings
     **dict.fromkeys((".zip", ".gz", ".bz2", ".xz", ".7z", ".rar", ".tar", ".tgz"), "unpack it first"),
     ".npy": "store its array with its times under names, by numpy.savez('name.npz', time=..., position=...)",
     ".bag": "convert this bag of ROS 1 to one of ROS 2, by rosbags-convert --src name.bag --dst name",
-    ".trc": "export C3D, or a CSV with columns such as Time, tip_x_mm", ".ulg": "convert it to CSV, by ulog2csv",
+    ".bvh": "export the positions of its joints as C3D, TRC or CSV", ".ulg": "convert it to CSV, by ulog2csv",
     ".slx": "run the model and save what it logs, by save('name.mat', 'out')",
 }  # fmt: skip
+SIGNED = {b"PK\x03\x04": ".xlsx", b"\xd0\xcf\x11\xe0": ".xls", b"PAR1": ".parquet", b"\x1f\x8b": ".gz",
+          b"#ROSBAG": ".bag", b"HIERARCHY": ".bvh"}  # first bytes of such files, whatever their endings
 
 
 def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: str | None) -> Reader:
@@ -358,8 +360,11 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
     ready = [r for r in fitting if not r.needs_mapping] or fitting
     if not ready:
         refuse_other(path, RECORDING)
+        shown_by_bytes = (ending for mark, ending in SIGNED.items() if head.startswith(mark))
+        suffix = suffix if suffix in ELSEWHERE else next(shown_by_bytes, suffix)
         if suffix in ELSEWHERE:
-            raise InputError(f"pliant does not read {path.name}: {ELSEWHERE[suffix]}")
+            why = "" if path.suffix.lower() == suffix else f", a {suffix} file by its first bytes"
+            raise InputError(f"pliant does not read {path.name}{why}: {ELSEWHERE[suffix]}")
         formats = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in readers().values())
         raise InputError(
             f"{path.name} has no known format: its ending or its first bytes match none of {formats}; "

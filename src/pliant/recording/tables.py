@@ -9,12 +9,14 @@ import json
 import re
 import warnings
 from collections import Counter
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pliant.errors import InputError
 from pliant.files import LARGEST_TABLE, content_of
+from pliant.recording.vocabulary import JOINED, without_accents
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -32,6 +34,7 @@ NUMBER = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|i
 COPY = "copy of column "  # begins the name of a column that repeats another, which a sentence names already
 DELIMITERS = (";", "\t", "|", ",")  # the first of them in a header line is its delimiter
 WIDE = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
+EASTERN, MOST_NAMES = ("gb18030", "cp932"), 4000  # encodings of spreadsheets in Chinese and Japanese; bytes with names
 ASCII = 127
 SIGNS = "\u00b0\u00b5\u00b2\u00b3\u00b1\u00b7\u00d7\u00a0\u00a7\u2019\u2018\u201c\u201d\u2013\u2014\u2026"
 MOST_PREAMBLE = 200  # lines in which a table begins
@@ -46,8 +49,9 @@ def read_text(path: Path) -> str:
 
 def encoded_text(path: Path) -> tuple[str, str]:
     """Read a text file; return its text without a byte-order mark and with newlines as line ends, and the name of its
-    encoding ("" for UTF-8): UTF-16, which spreadsheets and loggers of Windows write, or Windows-1252, if the bytes that
-    are no UTF-8 are letters or signs such as a degree.
+    encoding ("" for UTF-8): UTF-16, which spreadsheets and loggers of Windows write; GB 18030 or code page 932 if known
+    Chinese or Japanese names are in it; or Windows-1252, if the bytes that are no UTF-8 are letters or signs such as a
+    degree.
 
     Raises
     ------
@@ -75,6 +79,10 @@ def decoded(data: bytes) -> tuple[str | None, str]:
         return (None if b"\0" in data else data.decode("utf-8-sig")), ""
     except UnicodeDecodeError:
         pass
+    for codec in EASTERN:
+        with suppress(UnicodeDecodeError):
+            if JOINED.search(without_accents(data[:MOST_NAMES].decode(codec, errors="ignore"))):
+                return data.decode(codec), codec
     try:
         text = data.decode("cp1252")
     except UnicodeDecodeError:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 COMMENTS = ("#", "%", "//")
+RULE = re.compile(r"[|+]?(?:[ :]*[-=]{3,}[ :]*[|+])+(?:[ :]*[-=]{3,}[ :]*)?")  # below names between bars
 WIDE = 4  # cells of a table whose lines of a title may be filled up
 SAMPLE, MOST_BELOW, NEAR = 20, 40, 3  # rows that show the delimiter; at most: rows below a table, lines to its names
 AXIS = re.compile(r"(?:.*[\W_])?[xyz](?:[\W_].*)?", re.IGNORECASE)
@@ -86,6 +87,9 @@ def tidied(
     for k, line in enumerate(lines):
         if line.startswith(COMMENTS[1:]):
             lines[k] = "#" + line.lstrip("%/")
+    notes += blanked(lines, [k for k, line in enumerate(lines) if RULE.fullmatch(line.strip())],
+                     f"{name} are rules between rows")  # fmt: skip
+    notes += without_outer_bars(lines, name)
     stated = delimiter is not None
     for step in (without_fill, names_above, one_delimiter, one_row_of_names, without_rows_below, without_comments,
                  *((without_events,) if events else ()), with_units_of_cells, without_separators,
@@ -105,6 +109,16 @@ def tidied(
     mark = delimiter_of(lines[first], delimiter)
     more, runs = with_runs(lines, first, mark, name)
     return TableText(lines, [*notes, *more, *without_repeated_names(lines, first, mark, name)], runs)
+
+
+def without_outer_bars(lines: list[str], name: str) -> list[str]:
+    """Leave out the bars at the begin of all lines that hold bars, as in a table of a text with marks."""
+    barred = [k for k, line in enumerate(lines) if "|" in line and not line.startswith("#")]
+    if not barred or not all(lines[k].lstrip().startswith("|") for k in barred):
+        return []
+    for k in barred:
+        lines[k] = lines[k].strip().removeprefix("|").removesuffix("|").strip()
+    return [f"the bars at both ends of {len(barred)} line(s) of {name} are left out"]
 
 
 def holds_rows(path: Path) -> bool:

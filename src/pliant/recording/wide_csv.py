@@ -28,7 +28,6 @@ from pliant.recording.column_arrays import pressure_unit, pressures_of
 from pliant.recording.column_names import (
     CLOCKS,
     COARSE,
-    base_to_tip,
     parted_clock,
     pressures_named,
     refuse_pixels,
@@ -59,6 +58,7 @@ from pliant.recording.tables import (
 )
 from pliant.recording.tidy import table_lines
 from pliant.recording.units_row import with_units
+from pliant.recording.vocabulary import base_to_tip
 from pliant.units import PASCAL, metre_per
 
 if TYPE_CHECKING:
@@ -288,7 +288,8 @@ def _recording(columns: dict[str, NDArray], metadata: dict[str, Any], file: str,
         if bare := unitless_pressures(ignored):
             history.append(f"{WARNING}{len(bare)} column(s) of {file} seem to hold pressures without a unit, such as "
                            f"{shown(bare[0])}: state pressure_unit in its mapping to read them")  # fmt: skip
-        history += [*changing_columns({n: columns[n] for n in ignored}, file), *unread_columns(ignored, file)]
+        history += [*changing_columns({n: columns[n] for n in ignored}, file),
+                    *unread_columns(ignored, file, measured=pressure is not None)]  # fmt: skip
     arrays: dict[str, Any] = {}
     if labels:
         arrays, more = _stations(columns, labels, metadata, file)

@@ -80,7 +80,8 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
     """Return the recording with the pressure, and other inputs, added from a separate log file. They stay on the log's
     own clock.
     """
-    log = log if returns(recording) else prolonged(log, float(np.ptp(recording["time"].values)))
+    let_off = all(np.array_equal(log[v].values[0], log[v].values[-1]) for v in ("pressure", "actuation") if v in log)
+    log = log if returns(recording) and not let_off else prolonged(log, float(np.ptp(recording["time"].values)))
     inputs = {variable: log[variable] for variable in ("pressure", "actuation") if variable in log}
     if not inputs:
         raise InputError(f"recording {name}: {file} holds no pressure or other input: state its columns in "

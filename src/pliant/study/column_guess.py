@@ -39,11 +39,12 @@ from pliant.study.table_columns import (
 from pliant.units import METRE, PIXEL
 
 Array = np.ndarray
-TABLES = (".csv", ".tsv", ".txt", ".dat", ".log")
+TABLES = (".csv", ".tsv", ".trc", ".txt", ".dat", ".log")
 NUMBERED = re.compile(r"p\d+|base|tip")
 CLOCKS = ("t", "time")  # names of times that come before others, such as clock
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
 MILLISECONDS, ROUGH = 5, 0.8  # least whole step of such times; change of successive steps of a motion, at most
+FAR_MS = 1e14  # later times are no ms since any date
 SLOW = 10  # least constant whole step of times that may be seconds as well, as in the log of a creep
 RIGID = 0.3  # fraction by which the distance of neighbours on one body may change
 INPUTS = ("pressure", "inputs", "linear")  # entries of a mapping that name the inputs and convert their values
@@ -153,9 +154,10 @@ def refuse_units(names: Sequence[str], mapping: Mapping[str, Any], file: str) ->
     if unknown is not None:
         raise InputError(f"the column {shown(unknown)} of {file} states no known unit of length, which are "
                          f"{', '.join(METRE)}: state length_unit in the mapping")
-    if len(units := {unit for unit in stated.values() if unit}) > 1:
-        raise InputError(f"{file} states several units of length in its column names ({', '.join(sorted(units))}): "
-                         "convert the columns to one unit")
+    if len(units := {"" if unit == "-" else unit for unit in stated.values()}) > 1:
+        listed = ", ".join(sorted(unit or "no unit" for unit in units))
+        raise InputError(f"{file} states several units of length in its column names ({listed}): convert the columns "
+                         "to one unit, or state length_unit in the mapping")
 
 
 def stated_columns(table: PlainTable, stated: Mapping[str, Any]) -> set[int]:
@@ -188,6 +190,8 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     clock = next((k for k in clocks if runs(table.values[:, k])), None)
     if clock is None:  # read as stated, it is refused by the rows in which it goes back
         clock = next((k for k in clocks if parted(table.names[k])[0] in CLOCKS and table.changes(k)), None)
+    ticks = counter_of(table, used) if clock is None else None
+    clock = ticks if clock is None else clock
     parts = parted_clock(table.names) if clock is None else parted_by_unit(table)
     parts = parts if parts and clock in (None, parts.seconds, parts.fraction) else None  # not beside a whole clock
     used |= {parts.seconds, parts.fraction} if parts else set()
@@ -195,6 +199,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     trial = next((k for k in rest if set(words_of(table.names[k])) <= TRIAL and table.whole(k)), None)
     rest = [k for k in rest if k != trial]
     timed, of_times = clock_entries(table, clock, stations)
+    timed |= {"time_unit": OPEN} if ticks is not None else {}
     clock = None if parts else clock
     if parts:
         timed = {"time": [table.names[parts.seconds], table.names[parts.fraction]], "time_unit": parts.unit}
@@ -210,6 +215,12 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     if trial is not None and (values := blocks(table.values[:, trial])):
         trials = (table.names[trial], values)
     return asked({**mapping, **inputs}, table, [note, of_times, *notes], trials)
+
+
+def counter_of(table: PlainTable, used: set[int]) -> int | None:
+    """Return the column of the ticks of a computer, in a unit that the laboratory knows; None if there is none."""
+    return next((k for k, name in enumerate(table.names) if k not in used and {"tick", "ticks"} & {*words_of(name)}
+                 and rises(table.values[:, k])), None)  # fmt: skip
 
 
 def curved(table: PlainTable) -> TableGuess | None:
@@ -410,8 +421,9 @@ def asked(
         neutral["rate_hz"] = 100.0
         questions["rate_hz"] = "rows a second: the table has no column of time"
     if mapping.get("time_unit") == OPEN:
-        neutral["time_unit"] = "ms"
-        questions["time_unit"] = "unit of the times, whole numbers in equal steps without a unit: s, ms, us or ns"
+        clock = mapping["time"] if isinstance(mapping["time"], int) else table.names.index(mapping["time"])
+        neutral["time_unit"] = "ms" if np.nanmax(table.values[:, clock]) < FAR_MS else "100ns"
+        questions["time_unit"] = "unit of the times, whole numbers without a unit: s, ms, us, ns or 100ns"
     if "inclination" in mapping:
         questions["inclination"] = ("down is gravity in the base frame, axes are those of each sensor along x, y and z "
                                     "of its link: as if the body hung in its first frames")  # fmt: skip

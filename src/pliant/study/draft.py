@@ -75,6 +75,8 @@ class StatedBody(TypedDict, total=False):
     ----------
     length, mass, diameter : float, optional
         Length [m], mass [kg] and outer diameter [m].
+    segments : sequence of float, optional
+        Lengths of segments that differ [m], from the base on, instead of `length`.
     gravity : 3 floats, optional
         Gravity in the axes of the tracker [m/s^2].
     """
@@ -82,10 +84,11 @@ class StatedBody(TypedDict, total=False):
     length: float | None
     mass: float | None
     diameter: float | None
+    segments: Sequence[float] | None
     gravity: Sequence[float] | None
 
 
-UNKNOWN = StatedBody(length=None, mass=None, diameter=None, gravity=None)
+UNKNOWN = StatedBody(length=None, mass=None, diameter=None, segments=None, gravity=None)
 
 
 def draft_study(
@@ -121,7 +124,9 @@ def draft_study(
     """
     stated = with_defaults(draft_study, body, UNKNOWN)
     length, mass, diameter, gravity = stated["length"], stated["mass"], stated["diameter"], stated["gravity"]
-    inspected = inspect_all(files, mapping, space)
+    segments = tuple(stated["segments"] or ())
+    length = sum(segments) or length
+    inspected = replace(inspect_all(files, mapping, space), segments=segments)
     trials, first, title, out = inspected.trials, inspected.first, Path(study).stem, Lines()
     out.say('Written by `pliant new` from the files. Replace each "?" with the value that only you know.',
             "docs/studies.md explains every entry. Units are SI, unless the name of an entry states another unit.")

@@ -195,7 +195,7 @@ def assumed_values(content: Mapping[str, Any], inspected: Inspected) -> dict[str
     which the recordings show its last station.
     """
     trial = inspected.first
-    stated = content["actuator"].get("length")
+    stated = content["actuator"].get("length", sum(inspected.segments))
     tangent, known = direction(inspected.trials), stated not in (None, OPEN)
     pixels = 1.0  # to a mm, as the film was read first
     if known and trial.assumed.get("camera") and (far := farthest(inspected.trials)):

@@ -4,17 +4,17 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from itertools import combinations
 
 import numpy as np
 import xarray as xr
 
 from pliant.preprocessing.detectors import without_spikes
-from pliant.recording.column_names import words_of
+from pliant.recording.column_names import is_command, words_of
 from pliant.recording.inputs import RecordedInput, inputs_at, recorded_inputs
 from pliant.study.first_reading import several
-from pliant.study.input_guess import COMMANDED, UNITS
+from pliant.study.input_guess import UNITS
 from pliant.study.inspected import Inspected
 from pliant.study.kinds import levels_by_name, named_kind
 from pliant.study.shorthand import OPEN
@@ -99,10 +99,11 @@ def chambers_in_plane(out: Lines, inspected: Inspected) -> None:
             continue
         side, begin, end = chamber_span(trial.aligned, channel)
         evidence, part = f"as the stations of {trial.path.name} move", f"from {1e3 * begin:.0f} to {1e3 * end:.0f} mm"
-        passed = [k for k in joints_up_to(end, body_length(trial)) if k not in joints_up_to(begin, body_length(trial))]
+        divided = inspected.parts or even_parts(body_length(trial) or end)
+        passed = [k for k in joints_up_to(end, divided) if k not in joints_up_to(begin, divided)]
         if trial.dense:
             out.say(f"joints = [...]  (the joints {part}, {evidence}; default: all)")
-        elif len(passed) < LINKS:
+        elif len(passed) < len(divided):
             out.put("joints", passed, f"the joints that it bends: the body bends {part}, {evidence}")
         if side < 0:
             out.put("joint_gain", -1.0, f"it bends the body to the other side, {evidence}")
@@ -136,7 +137,8 @@ def tendons(out: Lines, inspected: Inspected) -> None:
         out.item("actuator.tendons", name)
         out.put("driven_by", signal.kind, "as its column says" if trial.guess else "as the mapping states")
         azimuth_of(out, round(ends[k][0] if ends else shown[k]) if shown else None)
-        if ends and len(passed := joints_up_to(ends[k][1], body_length(trial))) < LINKS:
+        divided = inspected.parts or even_parts(body_length(trial) or (ends[k][1] if ends else 0.0))
+        if ends and len(passed := joints_up_to(ends[k][1], divided)) < len(divided):
             out.put("joints", passed, f"the joints that it passes: it bends the body up to {1e3 * ends[k][1]:.0f} mm")
         if trial.tracks_one_body and len(trial.tendon_inputs) > OF_ONE_SEGMENT:
             out.ask("stop", "m from the base, where it ends: a single tracked body does not show it")
@@ -190,13 +192,17 @@ def can_be_slack(inspected: Inspected) -> list[str]:
     return names if error[1] < error[0] else []
 
 
-def joints_up_to(end: float, length: float | None) -> list[int]:
-    """Return the numbers (from 1) of the joints between the base and `end` [m]. A generated study has 5 joints, in the
-    middle of equal segments.
+def even_parts(length: float) -> tuple[float, ...]:
+    """Return the lengths [m] of the parts of a body in which a generated study has its joints, if none are stated."""
+    return (length / LINKS,) * LINKS
 
-    The segments divide `length` [m], or `end` if the length is None. A margin of 5 % is added to `end`.
+
+def joints_up_to(end: float, parts: Sequence[float]) -> list[int]:
+    """Return the numbers (from 1) of the joints between the base and `end` [m], with a margin of 5 %. A generated study
+    has a joint in the middle of each of the `parts` [m].
     """
-    return [k + 1 for k in range(LINKS) if (k + 0.5) * (length or end) / LINKS < 1.05 * end]
+    joints = np.cumsum(parts) - 0.5 * np.array(parts)
+    return [k + 1 for k, joint in enumerate(joints) if joint < 1.05 * end]
 
 
 def is_set_point(name: str) -> bool:
@@ -206,7 +212,14 @@ def is_set_point(name: str) -> bool:
     words = words_of(name)
     if words and any(words[-1] in units for units in UNITS.values()):
         words.pop()
-    return bool((COMMANDED - {"set"}) & set(words)) or words[-1:] == ["set"]
+    return is_command("_".join(w for w in words if w != "set")) or words[-1:] == ["set"]
+
+
+def named_by(trial: Trial) -> str:
+    """Return the name of the column of the only pressure of a recording, by its mapping; "" if none names it."""
+    pressure = (trial.guess.mapping if trial.guess else trial.mapping or {}).get("pressure", [])
+    columns = pressure.get("columns", []) if hasattr(pressure, "get") else [pressure]  # arrays and channels by name
+    return columns[0] if len(columns) == 1 and isinstance(columns[0], str) else ""
 
 
 def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
@@ -220,7 +233,7 @@ def channels(out: Lines, trial: Trial, inspected: Inspected) -> None:
     if driving:
         out.put("drive", driving, "input of the model = channel of the recording")
     moving = [s for s in recorded_inputs(trial.recording) if np.unique(s.values[np.isfinite(s.values)]).size > 1]
-    if moving and all(is_set_point(signal.name) for signal in moving):
+    if moving and all(is_set_point(signal.name or named_by(trial)) for signal in moving):
         out.put("signal", "commanded", 'set points by their names, which the body follows with a lag; or "measured"')
     elif trial.tendon_inputs:
         out.put("signal", "measured", 'or "commanded" for a set point, which the motor follows with a lag')

@@ -117,6 +117,11 @@ def may_be_offset(trial: Trial) -> bool:
     return (trial.log is None and len(trial.chambers) < 2 and "linear" not in {**(trial.mapping or {}), **proposed}
             and pressure.get("unit") != OPEN and not {"scale", "zero"} & set(pressure))  # fmt: skip
 
+SWITCHES = {  # options of an alignment that are true where a recording needs them, and why
+    "base_motion": "the base carries all stations along: its motion is an input of the model",
+    "undo_jumps": "the orientation of a marker cluster jumps; jumps are counted and corrected",
+}
+
 
 def actuator(
     out: Lines, inspected: Inspected, length: float | None, mass: float | None, diameter: float | None = None
@@ -130,7 +135,11 @@ def actuator(
     elif length is None and (rest := longest_rest(inspected.trials)) is not None:
         along = "along the stations" if trial.dense else "from base to tip at rest"
         length, comment = rest[0], f"m, {along} in {rest[1].path.name}: correct it if you measured it"
-    out.ask("length", question, length, comment)
+    if inspected.segments:
+        out.put("segments", list(inspected.segments), "m, from the base on, as you stated; two links in each, "
+                "or as segment_links = [...] states")  # fmt: skip
+    else:
+        out.ask("length", question, length, comment)
     out.ask("mass", "kg, of the part that bends: weigh it, or density times volume; stiffness, damping and torque scale"
             " with it",
             mass, "kg, as you stated")
@@ -138,7 +147,9 @@ def actuator(
         out.put("diameter", diameter, "m, outer, as you stated: used to check density, modulus and torque")
     else:
         out.propose("diameter", 0.03, "m, outer: remove the first # if you know it: for checks of density and modulus")
-    if one_angle(inspected):
+    if inspected.segments:
+        out.put("joint_placement", "midsegment")
+    elif one_angle(inspected):
         out.put("links", 3, "one angle shows no more than an even bend")
         out.put("joint_placement", "midsegment")
     elif trial.angles_only:
@@ -310,8 +321,8 @@ def alignment(out: Lines, trial: Trial) -> None:
     out.put("tangent", trial.options["tangent"], tangent)
     if "plane" in trial.options:
         out.put("plane", trial.options["plane"], "x axis of the base frame; azimuths count from it")
-    if "undo_jumps" in trial.options:
-        out.put("undo_jumps", True, "the orientation of a marker cluster jumps; jumps are counted and corrected")
+    for name in trial.options.keys() & SWITCHES.keys():
+        out.put(name, True, SWITCHES[name])
     if trial.problem:
         out.say(f"The alignment fails: {trial.problem}")
         out.questions.append(f"alignment: {trial.problem}")

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from pliant.recording.column_names import AMBIENT, NOT_INSIDE, PRESSED, bracketed_unit, unit_of, words_of
+from pliant.recording.column_names import bracketed_unit, is_command, unit_of, words_of
+from pliant.recording.vocabulary import AMBIENT, NOT_INSIDE, PRESSED, in_english
 from pliant.study.shorthand import OPEN
 from pliant.study.table_columns import PlainTable
 from pliant.units import METRE, NEWTON, PASCAL, RADIAN, absolute_unit, pascal_per
 
-COMMANDED = {"desired", "des", "command", "commanded", "cmd", "set", "setpoint", "target", "ref", "reference", "goal"}
 TURNED = {"roll", "pitch", "yaw", "euler", "rx", "ry", "rz", "rot", "heading"}
 UNITS = {"pressure": PASCAL, "displacement": METRE, "angle": RADIAN, "tension": NEWTON}  # the most frequent first
 WORDS = {
@@ -127,7 +127,7 @@ def is_bare_pressure(table: PlainTable, k: int) -> bool:
     """Return whether a column k is named p, p1 or the like and can be a pressure: not the likelihood of a point or a
     rate of turning.
     """
-    name, names = table.names[k].lower(), {other.lower() for other in table.names}
+    name, names = in_english(table.names[k]).lower(), {other.lower() for other in table.names}
     likelihood = f"x{name[1:]}" in names - {"x"} or np.nanmax(np.abs(table.values[:, k])) <= 1.0
     return PRESSED.fullmatch(name) is not None and not likelihood and not RATES & names
 
@@ -171,9 +171,10 @@ def input_entries(table: PlainTable, columns: Sequence[int]) -> tuple[dict[str, 
     kinds = next(filter(None, (grouped({k: of(table, k) for k in inside})
                                for of in (kind_of, lone_input, converted_input))), {})  # fmt: skip
     left = [k for k in columns if not any(k in members for members in kinds.values())]
-    for names, what in ((COMMANDED, "commands beside measured inputs"), (None, "supplies beside pressures of a body")):
+    for is_idle, what in ((is_command, "commands beside measured inputs"),
+                          (is_outside, "supplies beside pressures of a body")):  # fmt: skip
         for key, members in kinds.items():
-            idle = [k for k in members if (names & set(words_of(table.names[k])) if names else is_outside(table, k))]
+            idle = [k for k in members if is_idle(table.names[k])]
             if idle and len(idle) < len(members):
                 kinds[key] = [k for k in members if k not in idle]
                 notes.append(f"{what} are not used: {', '.join(table.names[k] for k in idle)}")
@@ -214,15 +215,15 @@ def is_ambient(table: PlainTable, k: int) -> bool:
     """Return whether a column k holds the pressure of the air around a body; p_atm is a pressure in atm if it varies
     much.
     """
-    name, values = table.names[k].partition("[")[0].partition("(")[0].strip(), table.values[:, k]
+    name, values = in_english(table.names[k]).partition("[")[0].partition("(")[0].strip(), table.values[:, k]
     width = np.nanmax(values) - np.nanmin(values)
     in_atm = table.names[k].lower().endswith("atm") and bool(width > VARIES * np.nanmax(np.abs(values)))
     return AMBIENT.fullmatch(name) is not None and not in_atm
 
 
-def is_outside(table: PlainTable, k: int) -> bool:
+def is_outside(name: str) -> bool:
     """Return whether the name of a column says a pressure that is not in the body, such as a supply."""
-    return NOT_INSIDE.fullmatch(table.names[k]) is not None and not COMMANDED & set(words_of(table.names[k]))
+    return NOT_INSIDE.fullmatch(in_english(name)) is not None and not is_command(name)
 
 
 def pressure_entry(table: PlainTable, groups: Mapping[str, Sequence[int]]) -> dict[str, Any]:

@@ -58,12 +58,20 @@ class Inspected:
         Whether the body moves in space.
     channels : dict
         Recorded pressure of each chamber of the model, by the chamber's name; {} if there is only one pressure.
+    segments : tuple of float
+        Lengths of the segments of the body [m], from the base on, if the user states them.
     """
 
     trials: Sequence[Trial]
     kinds: Mapping[str, Kind]
     space: bool
     channels: Mapping[str, str]
+    segments: tuple[float, ...] = ()
+
+    @property
+    def parts(self) -> tuple[float, ...]:
+        """Return the lengths [m] of the parts in which the joints of stated segments are, two in each; () without."""
+        return tuple(0.5 * length for length in self.segments for _ in range(2))
 
     @property
     def first(self) -> Trial:

@@ -17,7 +17,7 @@ from pliant.identification.edges import edges
 from pliant.identification.experiment import Excitation
 from pliant.identification.starts import LATEST
 from pliant.recording.inputs import recorded_inputs
-from pliant.study.named_levels import LEVEL, OF_TENDONS, named_tendon
+from pliant.study.named_levels import LEVEL, OF_TENDONS, named_pressures, named_tendon
 from pliant.study.toml_text import Lines
 from pliant.study.trial import RETURNED, Trial
 
@@ -125,6 +125,9 @@ def levels_by_name(trials: Sequence[Trial]) -> dict[str, dict[str, float | str]]
     [Pa], a tension such as 2N [N], a displacement such as 3mm [m] or an angle [rad], else "?". A part of the names that
     few values share, such as m1 and m2, names the inputs; the others are 0.
     """
+    labelled = [named_pressures(trial.path.stem) for trial in trials]
+    if labelled[0] and all(levels.keys() == labelled[0].keys() for levels in labelled):
+        return {trial.name: {**levels} for trial, levels in zip(trials, labelled, strict=True)}
     parts = [trial.path.stem.split("_") for trial in trials]
     width = min(len(p) for p in parts)
     columns = [[p[k] for p in parts] for k in range(width)]

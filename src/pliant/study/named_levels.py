@@ -34,6 +34,20 @@ def named_pressure(stem: str) -> float | None:
     return values.pop() if len(values) == 1 else None
 
 
+def named_pressures(stem: str) -> dict[str, float]:
+    """Return the gauge pressures [Pa] that the name of a file states with a label before each, such as A10kPa_B0kPa, by
+    these labels; {} if it states fewer than two so, or if one is unclear.
+    """
+    labelled, end = dict[str, float](), 0
+    for match in LEVEL.finditer(stem):
+        label = stem[end : match.start()].strip("_- ")
+        if not label[:1].isalpha() or label in labelled or UNCLEAR.search(stem[: match.start()]):
+            return {}
+        sign = -1 if NEGATIVE.search(stem[: match.start()]) else 1
+        labelled[label], end = sign * float(match[1]) * pascal_per(match[2]), match.end()
+    return labelled if len(labelled) > 1 else {}
+
+
 def named_tendon(stem: str) -> tuple[str, float] | None:
     """Return the kind and the value [SI] of the input of a tendon that the name of a file states, such as m1_2.5N
     or m1_-3mm; None if it states none, or if its sign or its decimals are unclear, as in motor-20deg or 2_5N.

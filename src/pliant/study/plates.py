@@ -89,3 +89,18 @@ def base_first(
     if not 0 < len(still) < len(names) or still != names[-len(still) :]:
         return stations
     return {name: stations.get(name, [name]) for name in reversed(names)}
+
+
+def off_curve(motion: np.ndarray) -> float:
+    """Return the fraction of the motion (T, 3) of one point that is off a curve (root mean square). A body that bends
+    in a plane moves its tip along a curve; the plane itself, which contains the base, one point does not show.
+
+    The curve is a cubic polynomial in the coordinate along which the point moves most.
+    """
+    known = motion[np.isfinite(motion).all(axis=1)]
+    away = known - known.mean(axis=0)
+    if len(away) < 10 or not away.any():
+        return 0.0
+    along, across, _ = (away @ np.linalg.svd(away, full_matrices=False)[2].T).T
+    left = across - np.polynomial.Polynomial.fit(along, across, 3)(along)
+    return float(np.sqrt(np.mean(left**2) / np.mean((away**2).sum(axis=1))))

@@ -23,7 +23,6 @@ from pliant.recording.cells import (
 from pliant.recording.column_names import (
     NUMBERED,
     PartedClock,
-    base_to_tip,
     is_no_place,
     is_time,
     parted,
@@ -41,6 +40,7 @@ from pliant.recording.tables import (
 )
 from pliant.recording.tidy import table_lines
 from pliant.recording.units_row import with_units
+from pliant.recording.vocabulary import base_to_tip
 from pliant.units import METRE
 
 Array = np.ndarray

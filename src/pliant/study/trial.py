@@ -14,8 +14,9 @@ import xarray as xr
 
 from pliant.errors import InputError
 from pliant.numerics.ringdown import peak
-from pliant.preprocessing.align import DENSE_STATIONS, align
+from pliant.preprocessing.align import DENSE_STATIONS, align, seen_from_base
 from pliant.preprocessing.angles import from_rest
+from pliant.preprocessing.base import base_is_moved
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.detectors import without_spikes
 from pliant.preprocessing.glitches import leave_out_glitches
@@ -31,7 +32,7 @@ from pliant.study.column_guess import TableGuess
 from pliant.study.doubts import unit_warning_first
 from pliant.study.first_reading import FirstReading, WithLog, perhaps_a_place, read_or_guess, several
 from pliant.study.named_levels import named_pressure
-from pliant.study.plates import RIGID_M, UNNAMED, base_first, rigid, rigid_clusters, standing_among
+from pliant.study.plates import RIGID_M, UNNAMED, base_first, off_curve, rigid, rigid_clusters, standing_among
 
 MOVED_PLATE = 5.0  # of RIGID_M: a plate that moves farther shows that its markers keep their distances
 OUT_OF_PLANE = 0.15  # out-of-plane fraction of the motion: tracked bodies that bend in a plane show up to 0.12
@@ -284,6 +285,10 @@ def inspect_reading(files: WithLog, reading: FirstReading, number: int | None = 
     plates = {} if guess is not None and guess.numbered else rigid_clusters(recording)
     trial = replace(trial, stations=base_first(recording, plates, assessed.standing))
     trial = replace(trial, options=directions(recording, assessed, trial.stations, dense=trial.dense))
+    if trial.options.get("base_motion"):
+        shape = seen_from_base(trial.grouped, trial.names.index(trial.base))
+        share = quality(shape).out_of_plane_share
+        trial = replace(trial, quality=replace(assessed, out_of_plane_share=share))
     return trial if trial.capped else with_alignment(trial)
 
 
@@ -356,21 +361,6 @@ def from_one_side(trials: Sequence[Trial]) -> list[Trial]:
     return done
 
 
-def off_curve(motion: np.ndarray) -> float:
-    """Return the fraction of the motion (T, 3) of one point that is off a curve (root mean square). A body that bends
-    in a plane moves its tip along a curve; the plane itself, which contains the base, one point does not show.
-
-    The curve is a cubic polynomial in the coordinate along which the point moves most.
-    """
-    known = motion[np.isfinite(motion).all(axis=1)]
-    away = known - known.mean(axis=0)
-    if len(away) < 10 or not away.any():
-        return 0.0
-    along, across, _ = (away @ np.linalg.svd(away, full_matrices=False)[2].T).T
-    left = across - np.polynomial.Polynomial.fit(along, across, 3)(along)
-    return float(np.sqrt(np.mean(left**2) / np.mean((away**2).sum(axis=1))))
-
-
 def two_plates(trials: Sequence[Trial]) -> dict[str, list[str]]:
     """Return the markers of a base plate that stands still and of a tip plate that moves, if the markers of all
     recordings have no names and are on these two: at least three on each, at constant distances in all recordings,
@@ -417,6 +407,9 @@ def directions(
     options: dict[str, Any] = {"base": base, "tangent": "clamp" if dense else "chord"}
     if found.orientation_jumps:
         options["undo_jumps"] = True
+    grouped = assemble(recording, stations) if stations else recording
+    if not dense and base_is_moved(grouped, names.index(base)):
+        options["base_motion"] = True
     return options
 
 
