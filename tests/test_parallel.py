@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing import get_context
 from pathlib import Path
 from threading import Barrier, get_ident
 
@@ -132,6 +133,22 @@ def test_a_single_core_computes_one_job_after_another(monkeypatch: pytest.Monkey
     parallel.threads.cache_clear()
     assert side_by_side(lambda k: (k, get_ident()), [1, 2]) == [(1, get_ident()), (2, get_ident())]
     parallel.threads.cache_clear()
+
+
+@pytest.mark.usefixtures("two_cores")
+def test_a_forked_process_does_not_wait_for_the_threads_of_its_parent() -> None:
+    assert side_by_side(abs, [-1, 2]) == [1, 2]
+    with get_context("fork").Pool(1) as pool:
+        assert pool.apply_async(side_by_side, (abs, [-3, 4])).get(30) == [3, 4]
+
+
+@pytest.mark.usefixtures("two_cores")
+def test_jobs_run_one_after_another_where_no_thread_takes_them() -> None:
+    """As at the end of a program, whose pools are shut down before its last threads end."""
+    pool = parallel.threads()
+    assert pool is not None
+    pool.shutdown()
+    assert side_by_side(abs, [-1, 2]) == [1, 2]
 
 
 @pytest.mark.usefixtures("two_cores")

@@ -47,13 +47,21 @@ def side_by_side(work: Callable[[Job], Result], jobs: Sequence[Job]) -> list[Res
     Python's global lock.
     """
     pool = threads() if len(jobs) > 1 else None
-    return [work(job) for job in jobs] if pool is None else list(pool.map(work, jobs))
+    try:
+        results = map(work, jobs) if pool is None else pool.map(work, jobs)
+    except RuntimeError:  # when the program ends, a pool takes no job any more
+        results = map(work, jobs)
+    return list(results)
 
 
 @cache
 def threads() -> ThreadPoolExecutor | None:
     """Return the threads of this process that compute side by side; None in a worker process or on a single core."""
     return None if parent_process() or cores() < 2 else ThreadPoolExecutor(cores())
+
+
+if hasattr(os, "register_at_fork"):  # a forked process inherits the pool, but none of its threads
+    os.register_at_fork(after_in_child=threads.cache_clear)
 
 
 class Worker(SpawnProcess):

@@ -46,6 +46,14 @@ def test_a_model_whose_markers_alone_move_keeps_its_body(change, kept):
         assert np.array_equal(entry, expected)
 
 
+def test_a_place_of_one_recording_is_not_that_of_another():
+    plans = Plans()
+    plans.at(arm(), {"stiffness": 0.4, "tip.along": 0.03})
+    other = plans.at(arm(), {"stiffness": 0.4})
+    assert other.points["tip"].along == pytest.approx(0.05)
+    assert plans.at(arm(), {"stiffness": 0.4, "tip.along": 0.02}).points["tip"].along == pytest.approx(0.02)
+
+
 def test_models_with_the_same_inputs_share_their_levers():
     plans = Plans()
     values = {"stiffness": 0.4, "left.gain_x": 1.0}

@@ -180,8 +180,23 @@ def test_friction_that_hardly_slips_is_not_trusted_beyond_the_recordings():
     helps, trial = search.judged(child, 0.5 * search.score, slip, trial)
     assert not helps
     assert trial.reason == strays(child, search.best) != ""
+    best, score = search.best, search.score
+    assert search.taken(child, 0.5 * score, [slip, slip]) == trial.reason
+    assert (search.best, search.score, search.chosen) == (best, score, [slip])
     assert not strays(fit_of({**motion, "torque_2": 1e-12}), parent)
     assert not strays(child, child)
+
+
+def test_parameters_that_are_held_at_the_end_keep_the_weights_of_the_fit():
+    setting = FitSetting(tuple(two(chain())), 0.005, weighting="noise")
+    values = {"stiffness": 0.45, "damping": 3e-3, "torque_1": 6e-7}
+    fit = fitted(setting, GIVEN, [Parameter(n, v) for n, v in values.items()], evaluations=0)
+    fit.problem.learn_sizes(fit.x)
+    fit = FittedModel(fit.problem, fit.x, fit.problem.data_residual(fit.x), fit.problem.data_jacobian(fit.x))
+    held = [replace(p, free=p.name != "damping") for p in fit.parameters]
+    other = fit.known_as(setting.problem(GIVEN, held))
+    assert other.percent(other.residual) == fit.percent(fit.residual)
+    assert other.problem.data_residual(other.x) == pytest.approx(other.residual, abs=1e-12)
 
 
 @pytest.mark.slow

@@ -112,7 +112,7 @@ class Plans:
         model_values = of_the_model(values)
         key = (model_values, model.moving_base)
         if key not in self.models:
-            body = (tuple((name, value) for name, value in model_values if not is_place(name)), model.moving_base)
+            body = (tuple((name, None if is_place(name) else value) for name, value in model_values), model.moving_base)
             if body in self.bodies and body != key:
                 like = self.bodies[body]
                 m = like.model.with_(**moved_stations(like.model, dict(model_values)))

@@ -170,6 +170,7 @@ class FittedModel:
         residuals and derivatives stay.
         """
         problem.size, x = self.prior_weight, problem.start
+        problem.observed = self.problem.observed  # with the weights that they have learnt
         jacobian = self.jacobian[:, [self.free.index(p.name) for p in problem.free]]
         problem.latest = x.tobytes(), jacobian
         return FittedModel(problem, x, self.residual, jacobian, self.converged)

@@ -11,7 +11,7 @@ from contextlib import suppress
 
 from pliant.errors import InputError, PliantError
 from pliant.identification.parameters import Parameter
-from pliant.selection.criterion import DETERMINED, MATERIAL, at_bounds, strays
+from pliant.selection.criterion import DETERMINED, MATERIAL, at_bounds
 from pliant.selection.first_model import on_scale, scale_of
 from pliant.selection.fitted import FittedModel
 from pliant.selection.running import RunningSearch
@@ -110,10 +110,10 @@ def adopted(search: RunningSearch, end: FittedModel, other: Term, term: Term, *,
     except PliantError:
         return False
     score = search.scored(end)
-    if score > (1 - MATERIAL) * search.score or at_bounds(end, other) or strays(end, search.best):
+    if score > (1 - MATERIAL) * search.score or at_bounds(end, other):
         return False
-    search.chosen = [*(t for t in search.chosen if stays or t is not term), other]
-    search.adopt(end, score)
+    if search.taken(end, score, [*(t for t in search.chosen if stays or t is not term), other]):
+        return False
     search.record(other.name, f"{other.title}, {term.title} {'begun anew' if stays else 'left out'}")
     return True
 

@@ -100,20 +100,31 @@ class RunningSearch:
 
     def adopt(self, fit: FittedModel, score: float) -> None:
         """Take a converged fit, of the criterion `score`, as the best model. Its priors are weighted by its residuals,
-        unless left-out parts are then predicted worse, or the fit strays from the model before. An interrupt (Ctrl-C)
-        acts after the next `record`.
+        unless left-out parts are then predicted worse. An interrupt (Ctrl-C) acts after the next `record`.
         """
-        parent, self.best, self.score = self.best, fit, score
+        self.best, self.score = fit, score
         if not fit.problem.learns or self.late or abs(fit.prior_weight / fit.problem.size - 1.0) <= MATERIAL:
             return
         try:
             weighted = self.converged(fit, fit.prior_weight)
-            if (other := self.scored(weighted)) < (1 + MATERIAL) * score and not strays(weighted, parent):
+            if (other := self.scored(weighted)) < (1 + MATERIAL) * score:
                 self.best, self.score = weighted, other
         except PliantError:
             return
         except KeyboardInterrupt:
             self.interrupted = True  # the model is recorded first, as it is without these weights
+
+    def taken(self, fit: FittedModel, score: float, chosen: Sequence[Term]) -> str:
+        """Adopt a converged fit with the terms `chosen`, unless it, or what it becomes with its priors weighted, is not
+        to be trusted beyond the inputs of the recordings: then return why, and keep the model as it is.
+        """
+        before = self.best, self.score
+        self.adopt(fit, score)
+        if reason := strays(self.best, before[0]):
+            self.best, self.score = before
+            return reason
+        self.chosen = list(chosen)
+        return ""
 
     def converged(self, fit: FittedModel, prior_weight: float) -> FittedModel:
         """Return a fit continued until it converges, with another weight of its priors."""

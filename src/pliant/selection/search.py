@@ -134,10 +134,9 @@ class Search(RunningSearch):
             return False
         score = self.scored(end)
         helps, tried[term.name] = self.judged(end, score, term, trial)
-        if helps:
-            self.chosen.append(term)
-            self.adopt(end, score)
-        else:  # the rough fit promised too much
+        if helps and (reason := self.taken(end, score, [*self.chosen, term])):
+            helps, tried[term.name] = False, tried[term.name]._replace(reason=reason)
+        if not helps:  # the rough fit promised too much
             title = f"with {term.title}"
             self.others = [other for other in self.others if other[1] != title]
             self.keep(score, title, end)
@@ -225,7 +224,7 @@ class Search(RunningSearch):
             return None
         score = self.scored(end)
         self.keep(score, f"without {term.title}", end)
-        dropped = score < (1 + (MUCH if vague else MATERIAL)) * self.score and not strays(end, self.best)
+        dropped = score < (1 + (MUCH if vague else MATERIAL)) * self.score
         return (score, end, term) if dropped else None
 
     def settle_parameters(self) -> bool:

@@ -11,7 +11,7 @@ from pliant.identification.parameters import apply
 from pliant.selection.first_model import determined
 from pliant.selection.fitted import FitSetting, FittedModel
 from pliant.selection.search import INTERRUPTED, Search
-from pliant.selection.terms import Term, terms_for
+from pliant.selection.terms import TERMS, Term, terms_for
 
 OF_THE_PATH = ("slip", "tendon_friction", "entry_friction")  # depend on the motion between the shapes
 
@@ -38,7 +38,8 @@ def with_static_terms(
         Time limit.
     """
     model = apply(still.model, still.values)
-    offered = [*(t for t in terms_for(model, shapes.experiments) if t.name in names), *others]
+    usual = terms_for(model, shapes.experiments, only=tuple(TERMS))
+    offered = [*(t for t in usual if t.name in names), *others]
     terms = [t.on(model) for t in offered if t.name not in OF_THE_PATH and not t.replaces]
     if not terms:
         return still, [], False

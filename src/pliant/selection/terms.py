@@ -22,7 +22,7 @@ NO_SHARE = 1e-6  # fraction or coefficient at which hysteresis, friction or a la
 NO_FORCE = 1e-6  # N at which the friction of a tendon has no effect
 REST = 0.1  # rad, of a joint: standard deviation of the rest turn about that of the model
 WIDE = 0.5  # of an input's highest value, down to which it must come to show the curvature of its torque law
-LONGER = 2.0  # length of a recording over a time of creep, from which a time as long as the recording is tried too
+LONGER = 2.0  # length of a recording over a time of creep, below which the length itself is tried in place of the time
 LEVELS = 3  # that show a dead band, or which of several torque laws holds
 UNEQUAL = 0.5  # of their mean: standard deviation of the damping of the joints about it
 SOFTER, FIRM = (0.1, 0.5, 2.5), 3.0  # of the axial stiffness of a round body: values that are tried; of its prior
@@ -313,13 +313,13 @@ def together(name: str, one: Term, other: Term) -> Term:
 def creep(
     name: str, share: str, time: str, grid: Sequence[float], span: float, **options: Any,
 ) -> Term:
-    """Return a term of creep with a time that is tried on a grid and, in recordings much longer than that, as long as
-    these: creep from before a recording then lasts through it. They do not show longer times, and tell nothing of them.
+    """Return a term of creep with a time that is tried on a grid, up to the length of the recordings. They do not show
+    longer times: creep from before a recording lasts through it, and creep that hardly begins in it passes for a
+    spring.
     """
-    if span < LONGER * grid[-1]:
-        return branch(name, "", share, time, grid, **options)
-    return term(name, "", [Parameter(share, 0.1), Parameter(time, grid[0], upper=span)], {share: NO_SHARE},
-                grid=tuple({time: v} for v in (*grid, span)), limits=(time,), **options)
+    times = [t for t in grid if LONGER * t <= span]
+    return term(name, "", [Parameter(share, 0.1), Parameter(time, min(grid[0], span), upper=span)], {share: NO_SHARE},
+                grid=tuple({time: v} for v in (*times, span)), limits=(time,), **options)
 
 
 def branch(name: str, owner: str, share: str, inner: str, grid: Sequence[float], **options: Any) -> Term:
