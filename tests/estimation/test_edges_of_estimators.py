@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -249,3 +251,23 @@ def test_an_observer_of_defaults_takes_steps_of_two_milliseconds_and_the_pressur
     assert AdaptiveObserver(body, 0.01, late=2, share=0.5).body.instantaneous == pytest.approx(0.15)
     np.testing.assert_allclose(made.inputs(np.zeros(2))[0], 1)
     assert made.scale == 1.0
+
+
+ALONE = """
+import numpy as np
+from pliant.actuators import chen2018
+from pliant.estimation.adaptive_observer import AdaptiveObserver
+from pliant.estimation.link_angles import joint_rows
+model = chen2018.model(stiffening=-0.3, stiffening_bound=0.6)
+observer, rows = AdaptiveObserver(model, 4e-3), joint_rows(model)
+for k in range(3):
+    observer.push_pressure(4e-3 * k, 2e4)
+    observer.push_frame(4e-3 * k, rows, np.zeros(model.n), np.full(model.n, 4e-6))
+print(np.isfinite(observer._x).all() and bool(observer._x[0].any()) and not observer.fault)
+"""
+
+
+def test_an_observer_of_bounded_springs_needs_no_code_of_others():
+    """In a process that has simulated nothing else: machine code of a step is shared within a process."""
+    done = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "True", done.stderr

@@ -101,9 +101,15 @@ def test_a_module_runs_without_pliant(tmp_path):
     assert "pliant" not in done.stdout
 
 
-def test_every_torque_law_is_tried_and_an_unknown_one_is_refused(tmp_path, monkeypatch):
+def folded_lever(p, a):
+    """A torque law that branches on the pressure."""
+    return a[0] if p < a[1] else a[0] * a[1] / p
+
+
+def test_every_torque_law_is_tried_and_one_that_branches_is_refused(tmp_path, monkeypatch):
     assert {law.name for law in LAWS} <= {row.get("law") for row in INPUTS.values()}
-    monkeypatch.setattr("pliant.exporters.jax_module.KNOWN_LAWS", ())
+    folded = tuple(replace(law, lever=folded_lever) for law in LAWS)
+    monkeypatch.setattr("pliant.exporters.jax_module.LAWS", folded)
     with pytest.raises(pliant.InputError, match="torque law 'saturating': not expressible in jax"):
         pliant.export(combined("plane", "none", "saturating"), "jax", tmp_path / "arm.py")
     assert not list(tmp_path.iterdir())

@@ -1,7 +1,8 @@
 """Batch simulation of chains in space in groups of `WIDTH` samples, one in each element of a SIMD vector.
 
 Springs, chambers with their valves and laws, and segments that lengthen are those of single simulations, and so are the
-results, to rounding. Chains with hysteresis or tendons, whose steps iterate, are simulated by `one_by_one`.
+results, to rounding. Chains with hysteresis or tendons, whose steps iterate, are simulated by `one_by_one`, as are
+those of which some alone have bounded springs.
 """
 
 from __future__ import annotations

@@ -228,7 +228,7 @@ def pooled(rows: list[dict[str, Array]]) -> dict[str, Array]:
 
 class OneByOne:
     """Step-by-step simulator of many chains that share no SIMD vector, each simulated by a `Stepper` of its own: with
-    hysteresis or tendons, or in the plane with segments that lengthen.
+    hysteresis or tendons, in the plane with segments that lengthen, or with bounded springs in some chains alone.
     """
 
     def __init__(self, models: Sequence[Model], size: int, time_step: float) -> None:

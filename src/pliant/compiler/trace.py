@@ -306,8 +306,8 @@ def examples_of(
     """Return {name: zeros} with the shapes of the arguments of a kernel for a chain of n links with the given numbers
     of segments that lengthen, angles and tendons.
 
-    `axial`: laws of the segments, as in `choose.twin`. With `remembers`, a step in space includes the linear functions
-    of the hysteresis states.
+    `axial`: laws of the segments and of bounded springs, as in `choose.twin`. With `remembers`, a step in space
+    includes the linear functions of the hysteresis states.
     """
     if turns > 1:
         examples = spatial_arguments(n, segments, turns, tendons, axial, remembers=remembers)

@@ -128,7 +128,7 @@ class AdaptiveObserver:
             remembered,
         )
         self.workspace = make_observer_workspace(self.model)
-        self._follow = twin(adaptive_observer_loops.follow_of_tuples, model.n)
+        self._follow = twin(adaptive_observer_loops.follow_of_tuples, *mechanics_of(self.model).sizes)
         self.reset()
 
     def reset(self) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from pliant.compiler.c import tree_of
 from pliant.compiler.trace import CURVED
-from pliant.equations.laws import LAWS, POLYNOMIAL
+from pliant.equations.laws import LAWS
 from pliant.equations.spring_terms import SPRING_BOUND, SPRING_TERMS
 from pliant.errors import InputError
 from pliant.exporters.c_functions import DERIVED, UNIT, parameters
@@ -47,7 +47,6 @@ FIXED = ("tied", "dead_time", "boucwen", "valve", "rubber")  # written in anothe
 FAR = 1e300  # in place of an infinite bound
 SAME = 1e-6  # relative difference of two values that are equal but for the rounding of files
 LEAST_WITHIN, STEP = 0.1, 1e-3  # fraction of draws within bounds; step of a derivative over the standard error
-KNOWN_LAWS = tuple(law.name for law in LAWS)  # those that the kernel `lever` computes beside the polynomial
 FORM = 5  # column of a chamber's constants that holds the number of its torque law
 
 
@@ -181,8 +180,8 @@ def chamber_kinds(chambers: tuple[ActuationInput, ...]) -> tuple[Any, ...]:
     """Return the inputs grouped by the kind of their torque: indices, law, lag, inflation and Gent's wall."""
     kinds: dict[tuple[Any, ...], list[int]] = {}
     for i, c in enumerate(chambers):
-        if c.law not in (POLYNOMIAL, *KNOWN_LAWS):
-            raise InputError(f"torque law {c.law!r}: not expressible in jax: use a polynomial")
+        if any(law.name == c.law and branches(law.lever) for law in LAWS):
+            raise InputError(f"torque law {c.law!r}: not expressible in jax, since it branches: use a polynomial")
         kind = int(c.kernel()[1 + FORM]), bool(c.swell_share), bool(c.inflation_limit), bool(c.inflation_jm)
         kinds.setdefault(kind, []).append(i)
     return tuple((tuple(rows), *kind) for kind, rows in kinds.items())
@@ -235,6 +234,15 @@ def add_kernel(texts: dict[str, str], name: str, value: Any) -> None:
         add_kernel(texts, other, used)
 
 
+def branches(kernel: Any) -> bool:
+    """Return whether a kernel, or one that it uses, branches, which JAX does not trace."""
+    tree, traced = tree_of(kernel), TracedKernel(kernel)
+    if any(isinstance(node, ast.If | ast.IfExp | ast.While) for node in ast.walk(tree)):
+        return True
+    traced.visit(tree)
+    return any(branches(used) for used in traced.used.values() if isinstance(used, FunctionType))
+
+
 class TracedKernel(ast.NodeTransformer):
     """Translation of a kernel without branches on traced numbers to JAX: NumPy becomes `jax.numpy`, a real part, which
     a derivative by a complex step leaves out, a part that is not differentiated, and names of numbers their values.
@@ -247,6 +255,7 @@ class TracedKernel(ast.NodeTransformer):
 
     def __init__(self, kernel: FunctionType) -> None:
         self.used: dict[str, Any] = {}
+        self._condition = False
         names = kernel.__code__.co_names
         self._globals = {name: value for name, value in kernel.__globals__.items() if name in names}
 
@@ -260,14 +269,17 @@ class TracedKernel(ast.NodeTransformer):
         return ast.Name("jnp", node.ctx) if value is np else node
 
     def visit_If(self, node: ast.If) -> ast.If:
-        """Return a condition as it is, since it is on a constant of the exported module."""
-        node.body = [self.visit(statement) for statement in node.body]
+        """Return a condition on a constant of the exported module, of which real parts stay, and its branches."""
+        self._condition = True
+        node.test = self.visit(node.test)
+        self._condition = False
+        node.body, node.orelse = ([self.visit(s) for s in part] for part in (node.body, node.orelse))
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
         """Return an attribute, of a real part the value without derivatives."""
         self.generic_visit(node)
-        if node.attr != "real":
+        if node.attr != "real" or self._condition:
             return node
         return ast.parse(f"lax.stop_gradient({ast.unparse(node.value)})", mode="eval").body
 
