@@ -18,7 +18,7 @@ from pliant.preprocessing.lag_model import (
     pressure_course,
     second_order,
 )
-from pliant.preprocessing.quality import Quality, _clock, _listed, _standing, quality, spanned
+from pliant.preprocessing.quality import Quality, _clock, _standing, quality, spanned
 from pliant.preprocessing.sync import (
     Delay,
     check_fit,
@@ -31,6 +31,7 @@ from pliant.preprocessing.sync import (
     two_best,
 )
 from pliant.recording import make_recording
+from pliant.recording.lost import listed
 
 TIME = np.arange(0.0, 8.0, 0.01)
 
@@ -325,9 +326,9 @@ def test_what_stands_moves_by_three_hundredths_of_the_largest_or_by_its_noise():
     noise = np.array([0.0, 0.0, 0.0, 0.5 / (3 * np.sqrt(3))])
     assert _standing(names, np.array([1.0, 0.9, 0.9, 0.499]), noise) == ("d",)
     assert _standing(names, np.array([1.0, 0.9, 0.9, 0.501]), noise) == ()
-    assert _listed({f"s{k}": 4 for k in range(7)}) == "4 in each of 7 stations"
-    assert _listed({f"s{k}": 4 for k in range(6)}) == ", ".join(f"s{k} 4" for k in range(6))
-    assert _listed({f"s{k}": k for k in range(1, 9)}).endswith("s3 3 and 2 more")
+    assert listed({f"s{k}": 4 for k in range(7)}) == "4 in each of 7 stations"
+    assert listed({f"s{k}": 4 for k in range(6)}) == ", ".join(f"s{k} 4" for k in range(6))
+    assert listed({f"s{k}": k for k in range(1, 9)}).endswith("s3 3 and 2 more")
 
 
 def test_a_summary_says_what_is_in_a_recording():

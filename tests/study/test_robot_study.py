@@ -11,6 +11,7 @@ import small_study
 from command_line import invoke, program
 from scipy.spatial.transform import Rotation
 
+from pliant.errors import InputError
 from pliant.identification.from_recording import base_of
 from pliant.preprocessing.align import align
 from pliant.recording import make_recording, write
@@ -103,10 +104,13 @@ def test_lost_poses_of_the_base_are_counted():
     assert np.isnan(aligned.position.values[100:104]).all()
 
 
-def test_base_motion_needs_an_orientation():
+def test_a_base_without_an_orientation_does_not_turn_and_this_is_said():
     recording = tracked(60.0, 0.0)[0].drop_vars("quaternion")
-    with pytest.raises(Exception, match="base_motion needs the orientation of the base station"):
-        align(recording, **OPTIONS, base_motion=True)
+    aligned = align(recording, **OPTIONS, base_motion=True)
+    assert not aligned.base_angle.values.any()
+    assert any("no orientation" in line for line in history_of(aligned))
+    with pytest.raises(InputError, match="remove_base_motion needs the orientation of the base station"):
+        align(recording, **OPTIONS, remove_base_motion=True)
 
 
 @pytest.mark.slow

@@ -160,7 +160,7 @@ def test_bad_requests_are_refused(tmp_path):
     with pytest.raises(InputError, match="cannot read the file of true motion"):
         read_truth(tmp_path / "absent.nc")
     generate_file(BRIEF, tmp_path / "rec.nc")
-    with pytest.raises(InputError, match="no file of true motion"):
+    with pytest.raises(InputError, match="not a file of true motion"):
         read_truth(tmp_path / "rec.nc")
 
 

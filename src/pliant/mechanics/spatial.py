@@ -79,8 +79,8 @@ class SpatialChain(SpatialNaming, Mechanics):
 
     def _chords(self) -> Array:
         """Return the coefficients (R, N) [m] of squares of the coordinates in the paths of R tendons between guides."""
-        if not self.model.actuation.chords.any():
-            return np.zeros((len(self.model.actuation.chords), self.size))
+        if not (chords := self.model.actuation.chords).any():
+            return np.zeros((len(chords), self.size))
         at = np.cumsum(self.length)[:-1]
         ends = 0.5 * (at[1:] + at[:-1]) if self.model.base_length else at[1:]
         bent = np.diff([0.0, *ends, self.length.sum()])  # length that each joint bends
@@ -141,8 +141,6 @@ class SpatialChain(SpatialNaming, Mechanics):
     def sizes(self) -> tuple[int, ...]:
         laws = self.laws + TURNS * self.model.moving_base + FRICTION * bool(self.model.memory)
         return self.n, len(self.model.extensions), self.space.turns, len(self.model.actuation.levers), laws
-
-    # coordinates
 
     def coordinates(self, q: Array) -> Array:
         return np.array(q, dtype=float)

@@ -101,7 +101,8 @@ def align(
         Whether to subtract the motion of the base station, which must have an orientation, from every frame.
     base_motion : bool
         Whether to do the same, and to keep the motion of the base as an input of the body: as ``base_position``, and
-        ``base_angle`` or ``base_quaternion``. A model then feels the acceleration and the turn of its base.
+        ``base_angle`` or ``base_quaternion``. A model then feels the acceleration and the turn of its base. A base
+        without an orientation does not turn.
     base_cutoff : float (Hz) or "auto"
         Smoothing of this motion for its derivatives, see `pliant.simulation.BaseMotion`.
     undo_jumps : bool

@@ -257,6 +257,8 @@ def with_base_input(
     rotation = axes @ turned @ axes.T
     unknown = int((~np.isfinite(moved).all(axis=1)).sum())
     lines = [f"the pose of the base is unknown in {unknown} of {len(moved)} frames"] if unknown else []
+    if rest.axes is None:
+        lines.append("the base has no orientation in this recording, and is taken as one that does not turn")
     if report.frame == "spatial":
         quaternion, _ = continuous(from_matrix(rotation)[:, None])
         done = with_base_motion(aligned, moved, quaternion=quaternion[:, 0], cutoff=cutoff)

@@ -16,7 +16,7 @@ from pliant.identification.from_recording import base_of
 from pliant.model import Model
 from pliant.preprocessing.align import DENSE_STATIONS, align, alignment_of
 from pliant.preprocessing.angles import from_rest
-from pliant.preprocessing.base import base_is_moved, is_turned
+from pliant.preprocessing.base import base_is_moved
 from pliant.preprocessing.clusters import assemble
 from pliant.preprocessing.cut import cut_time
 from pliant.preprocessing.glitches import leave_out_glitches
@@ -214,8 +214,7 @@ def with_moved_base(entry: Recording, stations: xr.Dataset, options: dict[str, A
     index = [str(n) for n in stations["station"].values].index(alignment_of(aligned).base)
     if stated or entry.poses or entry.excitation == "release" or not base_is_moved(stations, index):
         return aligned
-    turns = "" if is_turned(stations, index) else ", without turns, as no orientation of the base was recorded"
-    why = (f"the base carries all stations along: its motion is taken as an input{turns}; set base_motion = false in "
+    why = ("the base carries all stations along: its motion is taken as an input; set base_motion = false in "
            "[alignment.options] if it is part of the body's own motion")
     return append_history(align(stations, **options, base_motion=True), why)
 
