@@ -138,19 +138,15 @@ def why_another(move: Array, covariance: Array, changed: Sequence[str], posterio
     """Return why a move (P,) with the given covariance (P, P) is that of another arm, although the named directions
     explain most of it; '' if it is not.
 
-    In another arm most parameters changed, and more than two; or what the named ones leave lies beyond `FAR` standard
-    deviations, jointly, and the odds favour an arm whose parameters all differ.
+    In another arm most parameters changed, and more than two; or the others, taken together, explain as much as one must
+    to be named, and the odds favour an arm whose parameters all differ.
     """
-    from scipy.stats import chi2, norm
-
     if len(changed) > max(FEW, 0.5 * len(move)):
         return f"in a fit whose body is free, most of its parameters changed ({join_words(changed)})"
     directions = directions_of(posterior)
-    named, free = [directions[n] for n in changed], len(move) - len(changed)
+    named = [directions[n] for n in changed]
     left = explained(list(np.eye(len(move))), move, covariance) - explained(named, move, covariance)
-    if not free or left <= chi2.isf(2.0 * norm.sf(FAR), free):
-        return ""
-    if odds_of_another(move, covariance, named, posterior) <= 0.0:
+    if left <= FAR**2 or odds_of_another(move, covariance, named, posterior) <= 0.0:
         return ""
     return f"in a fit whose body is free, {join_words(changed)} and, taken together, the other parameters changed"
 
