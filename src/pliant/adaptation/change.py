@@ -138,8 +138,8 @@ def why_another(move: Array, covariance: Array, changed: Sequence[str], posterio
     """Return why a move (P,) with the given covariance (P, P) is that of another arm, although the named directions
     explain most of it; '' if it is not.
 
-    In another arm most parameters changed, and more than two; or the others, taken together, explain as much as one must
-    to be named, and the odds favour an arm whose parameters all differ.
+    In another arm most parameters changed, and more than two; or the others, taken together, explain as much as one
+    must to be named, and the odds favour an arm whose parameters all differ.
     """
     if len(changed) > max(FEW, 0.5 * len(move)):
         return f"in a fit whose body is free, most of its parameters changed ({join_words(changed)})"
