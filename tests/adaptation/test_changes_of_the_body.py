@@ -44,6 +44,25 @@ def fitted(known: Posterior, factors: dict[str, float], std: float = 0.03) -> Si
                            covariance=SimpleNamespace(names=names, total=np.diag((std * mean) ** 2)))  # fmt: skip
 
 
+def with_one_more(name: str, value: float, std: float) -> Posterior:
+    """A posterior with another parameter of the body, whose value may be 0."""
+    known = posterior()
+    covariance = np.diag(np.r_[np.diag(known.body.covariance), std**2])
+    return replace(known, parameters=(*known.parameters, Parameter(name, value)), body=JointPrior(
+        (*known.body.names, name), np.r_[known.body.mean, value], covariance))  # fmt: skip
+
+
+def fitted_to(known: Posterior, values: dict[str, float]) -> SimpleNamespace:
+    """The result of a fit with a free body, with values and the covariance of the posterior."""
+    return SimpleNamespace(values=known.body.means | values,
+                           covariance=SimpleNamespace(names=known.body.names, total=known.body.covariance))  # fmt: skip
+
+
+def day_move(known: Posterior, day: SimpleNamespace) -> np.ndarray:
+    """By how much a fit moved the parameters of the body, in their order."""
+    return np.array([day.values[n] - m for n, m in known.body.means.items()])
+
+
 def test_one_direction_explains_what_it_caused_in_a_generalised_sense(rng):
     root = rng.normal(size=(4, 4))
     covariance = root @ root.T + 0.1 * np.eye(4)
@@ -88,7 +107,7 @@ def test_the_joint_that_changed_is_named(factor):
     earlier = iter([{"stiffness_3": 1.05}, {"stiffness_3": 1.1}, {"stiffness_3": 1.08}])
     found = body_change(known, day, lambda: [0, 1, 2], lambda _exp: fitted(known, next(earlier)))
     assert (found.names, found.compared) == (("stiffness_2",), 3)
-    assert found.another < 0.0
+    assert found.another == ""
     (change,) = found.changes
     assert (change.name, change.before, change.unit) == ("stiffness_2", 2.0, "N m/rad")
     assert change.after == pytest.approx(2.0 * factor)
@@ -134,11 +153,12 @@ def test_all_joints_together_are_one_change_and_most_parameters_another_arm():
     assert change.after == pytest.approx(1.4)
     assert change.deviations == pytest.approx(0.4 / (np.hypot(0.02, 0.03) / 3**0.5))  # of three joints
     assert change.sentence == "stiffness of every joint, as a factor, 1 to 1.4 (+19 sd)"
-    assert found.another < 0.0  # one cause, although three parameters changed
+    assert found.another == ""  # one cause, although three parameters changed
     factors = (1.5, 0.7, 1.3, 1.4)
     other = fitted(known, dict(zip(known.body.names, factors, strict=True)))
-    assert body_change(known, other, lambda: [0, 1], lambda _exp: fitted(known, {})).another > 0.0
-    assert body_change(known, other, list, lambda _exp: None).another > 0.0
+    for found in (body_change(known, other, lambda: [0, 1], lambda _exp: fitted(known, {})),
+                  body_change(known, other, list, lambda _exp: None)):  # fmt: skip
+        assert "most of its parameters changed (" in found.another
 
 
 def test_the_odds_of_another_arm_are_those_of_gaussian_densities(rng):
@@ -153,9 +173,64 @@ def test_the_odds_of_another_arm_are_those_of_gaussian_densities(rng):
 
     other = density(np.diag(sizes**2))
     assert odds_of_another(move, covariance, [], known) == pytest.approx(other - density(0.0) + np.log(ODDS))
-    assert odds_of_another(move, covariance, [first], known) == pytest.approx(other - density(np.outer(first, first)))
+    some = density(np.outer(first, first))
+    assert odds_of_another(move, covariance, [first], known) == pytest.approx(other - some + np.log(ODDS))
     still = odds_of_another(np.zeros(4), covariance, [], known)
     assert still < np.log(ODDS)  # parameters that need not differ count against another arm
+
+
+@pytest.mark.parametrize(("start", "after"), [(0.02, 0.4), (-0.005, 0.15), (0.0, 0.2)])
+def test_a_change_of_a_parameter_small_for_its_kind_is_no_other_arm(start, after):
+    known = with_one_more("stiffening", start, 0.02)
+    day = fitted_to(known, {"stiffening": after})
+    found = body_change(known, day, lambda: [0, 1], lambda _exp: fitted_to(known, {}))
+    assert (found.names, found.another) == (("stiffening",), "")
+    assert found.changes[0].after == pytest.approx(after)
+    sizes = np.array([1.0, 2.0, 4.0, 0.1, 0.2])  # 0.2 1/rad: the typical scale of a stiffening
+    spread = OTHERWISE**2 * np.diag(sizes**2 * (np.arange(5) == 4))
+    doubt = np.diag((0.05 * sizes) ** 2)
+    move = day_move(known, day)
+    other, some = (multivariate_normal(np.zeros(5), doubt + s).logpdf(move)
+                   for s in (OTHERWISE**2 * np.diag(sizes**2), spread))  # fmt: skip
+    direction = np.eye(5)[4] * (abs(start) or 1.0)
+    assert odds_of_another(move, doubt, [direction], known) == pytest.approx(other - some + np.log(ODDS))
+
+
+def test_a_parameter_without_a_size_is_left_out_of_the_odds():
+    known = with_one_more("torque_2", 0.0, 1e-13)  # at 0, without a typical scale
+    day = fitted_to(known, {"torque_2": 3e-12})
+    found = body_change(known, day, lambda: [0, 1], lambda _exp: fitted_to(known, {}))
+    assert (found.names, found.another) == (("torque_2",), "")
+    doubt = np.diag(np.r_[(0.05 * np.array([1.0, 2.0, 4.0, 0.1])) ** 2, 1e-26])
+    alone = odds_of_another(np.zeros(4), doubt[:4, :4], [], posterior())
+    assert odds_of_another(day_move(known, day), doubt, [np.eye(5)[4]], known) == pytest.approx(alone)
+
+
+@pytest.mark.parametrize("names", [("stiffness", "damping"), ("stiffness", "damping", "torque_1")])
+def test_two_changes_are_no_other_arm_however_few_parameters_its_body_has(names):
+    known = posterior(names)
+    day = fitted(known, {"stiffness": 1.4, "damping": 1.4})
+    found = body_change(known, day, lambda: [0, 1], lambda _exp: fitted(known, {}))
+    assert set(found.names) == {"stiffness", "damping"}
+    assert found.another == ""
+
+
+@pytest.mark.parametrize(("deviations", "another"), [(2.0, False), (2.3, False), (2.8, True), (3.7, True)])
+def test_what_the_named_changes_leave_is_another_arm_beyond_the_limit_of_naming(deviations, another):
+    known = posterior()
+    factors = 1.0 + deviations * np.hypot(0.02, 0.03) * np.array([1.0, -1.0, -1.0])
+    day = fitted(known, {"stiffness_1": 1.6} | dict(zip(known.body.names[1:], factors, strict=True)))
+    found = body_change(known, day, lambda: [0, 1], lambda _exp: fitted(known, {}))
+    assert found.names == ("stiffness_1",)
+    assert (3.0 * deviations**2 > 4.0**2) == another
+    assert ("stiffness_1 and, taken together, the other parameters" in found.another) == another
+
+
+def test_one_leftover_below_the_limit_of_naming_is_no_other_arm():
+    known = posterior(("stiffness", "damping", "torque_1"))
+    day = fitted(known, {"stiffness": 1.4, "damping": 1.0 + 3.7 * np.hypot(0.02, 0.03)})
+    found = body_change(known, day, lambda: [0, 1], lambda _exp: fitted(known, {}))
+    assert (found.names, found.another) == (("stiffness",), "")
 
 
 def test_a_common_stiffness_is_split_into_those_of_the_joints():

@@ -292,17 +292,67 @@ def test_a_mounting_that_moves_farther_than_its_priors_and_errors_of_form_allow_
     limit = np.sqrt((1.0 + form) * (3.0 + 8.0 * 6.0**0.5) / 3.0)  # of each of three moves
     for away in (0.99, -0.99, 1.01, -1.01):
         rows = [Move(n, "mounting", "m", 0.0, std * limit * away, None, std, 0.01, None) for n in names]
-        assert adapting.no_mounting(rows, day) == (abs(away) > 1.0)
-    assert not adapting.no_mounting([], day)
+        assert adapting.no_mounting(rows, day) == ("base_x, base_y and base_z" if abs(away) > 1.0 else "")
+    assert adapting.no_mounting([], day) == ""
+
+
+def test_another_gripper_and_another_clock_are_no_other_arm():
+    names, std = ("tip_mass", "start", "pretension", "base_x", "rest_angle_1"), 0.01
+    day = SimpleNamespace(covariance=SimpleNamespace(names=names, form=None))
+    for far, impossible in (("tip_mass", ""), ("start", ""), ("pretension", ""), ("base_x", "base_x and rest_angle_1")):
+        rows = [Move(n, "mounting", "", 0.0, 10.0 * std * (n == far), None, std, 1e-3, None) for n in names]
+        assert adapting.no_mounting(rows, day) == impossible
 
 
 def test_odds_that_favour_another_arm_are_its_verdict():
     day, errors = result({"stiffness": 1.0}), (DayError("day", "fitted", 9e-3, 1e-3, 0.1),)
-    for odds, expected in ((np.inf, "another arm"), (2.0, "another arm"), (-2.0, "re-mounted")):
-        verdict, sentence = verdict_of(day, (), errors, "base_angle", BodyChange((), odds, 3))
+    for another, expected in (("most of its parameters changed", "another arm"), ("", "re-mounted")):
+        verdict, sentence = verdict_of(day, (), errors, "base_angle", BodyChange((), another, 3))
         assert verdict == expected
-        assert ("Identify it anew" in sentence) == (odds > 0.0)
-        assert ("farther than mountings do" in sentence) == np.isinf(odds)
+        assert ("Another arm: most of its parameters changed. Identify it anew" in sentence) == bool(another)
+
+
+def test_a_mounting_that_moved_without_a_smaller_error_is_told_as_it_was_computed():
+    day = result({"stiffness": 1.0})
+    clear, vague = ([Move("base_x", "mounting", "m", 0.0, 0.01, None, 0.017, std, None)] for std in (0.001, 0.016))
+    for rows, phrase, expected in (
+        (clear, "base_x", "hardly mounted anew: base_x moved, which does not make the errors 13 % smaller"),
+        (vague, "the mounting as a whole", "its errors are larger than expected: no other mounting makes them 13 %"),
+        (vague, "", "in the same mounting: no parameter moved beyond its doubt"),
+    ):
+        for after, better in ((4.5e-3, False), (4.0e-3, bool(phrase))):
+            errors = (DayError("day", "fitted", 5e-3, after, 0.1),)
+            verdict, sentence = verdict_of(day, rows, errors, phrase, BodyChange())
+            assert verdict == ("re-mounted" if better else "same arm")
+            assert (expected in sentence) == (not better)
+
+
+@pytest.mark.parametrize("mounting", ["", "base_angle"])
+def test_a_refuted_change_is_told_and_the_evidence_for_another_arm_stays(mounting):
+    day, errors = result({"stiffness": 1.0}), (DayError("day", "fitted", 9e-3, 1e-3, 0.1),)
+    _, sentence = verdict_of(day, (), errors, mounting, BodyChange(compared=3, refuted=("damping",)))
+    assert "that damping changed, as a fit whose body is free shows, the rest of the day refutes" in sentence
+    assert "no parameter" not in sentence
+    change = BodyChange(another="most of its parameters changed", compared=3, refuted=("damping",))
+    assert verdict_of(day, (), errors, mounting, change)[0] == "another arm"
+
+
+def test_a_day_at_the_highest_level_is_compared_with_the_worst_earlier_recording(monkeypatch):
+    old = replace(result({"stiffness": 1.0}), rmse={"20": 0.5e-3, "40": 1e-3, "60": 2e-3, "80": 4e-3})
+    day = parts_of_day([moving(9.0)], 9.0)
+    after = replace(old, rmse={e.name: 3e-3 for e in day.fitted})
+    monkeypatch.setattr(adapting, "all_moves", lambda *_: ())
+    monkeypatch.setattr(adapting, "error_of", lambda *_: 4e-3)
+    asked = []
+    monkeypatch.setattr(adapting, "surprising", lambda errors, largest: bool(asked.append(largest)))
+    adapting.judged(old, posterior_of(old, {"20"}), day, after, BodyChange(), {"usual": 1.5e-3, "kind": False})
+    assert asked == [4e-3]
+
+
+def test_one_bad_recording_of_a_day_is_no_new_mounting():
+    errors = [DayError(f"r{k}", "judged", before, 1e-3, 0.1) for k, before in enumerate((7e-3, 2e-3, 2e-3))]
+    assert adapting.surprising(errors[:1], 2e-3)
+    assert not adapting.surprising(errors, 2e-3)
 
 
 @pytest.mark.parametrize(("usual", "refuted"), [(2e-3, False), (5e-4, True)])
@@ -310,10 +360,11 @@ def test_a_change_is_refuted_by_an_error_above_the_usual_one_alone(monkeypatch, 
     old = result({"stiffness": 1.0})
     known, other = posterior_of(old, {"old"}), replace(old, rmse={"other": 1.0})
     monkeypatch.setattr(adapting, "fitted_day", lambda *_: other)
-    monkeypatch.setattr(adapting, "body_change", lambda *_: BodyChange(("stiffness",), -5.0, 3))
+    monkeypatch.setattr(adapting, "body_change", lambda *_: BodyChange(("stiffness",), "too much", 3))
     monkeypatch.setattr(adapting, "error_of_rest", lambda fitted, _day: 1.2e-3 if fitted is other else 1e-3)
     how = {"progress": None, "earlier": list, "usual": usual}
     change, _, fitted = adapting.with_change(old, known, parts_of_day([moving(9.0)], 9.0), (old, {}), how, lambda _: {})
     assert (change.names == ()) == refuted
     assert (fitted is old) == refuted
-    assert change.compared == 3
+    assert change.refuted == (("stiffness",) if refuted else ())
+    assert (change.another, change.compared) == ("too much", 3)

@@ -28,7 +28,8 @@ LINK = re.compile(r"\]\(([\w./]*)#([\w-]+)\)")
 CHOSEN = {  # page -> section -> why its numbers need no source
     "another_day.md": {
         "another-day-another-arm": "defaults", "what-is-fitted": "widths of priors, which are set",
-        "another-robot-of-the-kind": "a default", "whether-the-body-changed": "thresholds, which are set",
+        "another-robot-of-the-kind": "a default", "what-comes-out": "a limit, which is set",
+        "whether-the-body-changed": "thresholds, which are set",
     },
     "metrics.md": {"metrics": "definitions"},
     "real_time.md": {"what-vents-and-when": "settings"},

@@ -11,7 +11,7 @@ import numpy as np
 
 from pliant.adaptation.change import BodyChange, body_change, freed, released_names, spaced
 from pliant.adaptation.day import DayParts, check_day, part_like
-from pliant.adaptation.mounting import COMMON, COMMON_GAIN, mounting_parameters, of_mounting
+from pliant.adaptation.mounting import COMMON, COMMON_GAIN, mounting_parameters, of_geometry, of_mounting
 from pliant.adaptation.posterior import FROM_DAY_TO_DAY, Posterior, by_joint
 from pliant.adaptation.result import FAR, Adaptation, DayError, Move, Verdict
 from pliant.failures import FAILED
@@ -147,7 +147,7 @@ def with_change(
     other = fitted_day(where, day, wide, settings(day))
     if error_of_rest(other, day) > max(WORSE_REST * error_of_rest(result, day), how["usual"] or 0.0):
         notify("adapt: with this change the rest of the day is predicted worse: it is none")
-        return BodyChange(compared=change.compared), posterior, result
+        return change._replace(names=(), changes=(), refuted=change.names), posterior, result
     return change, where, other
 
 
@@ -284,9 +284,10 @@ def judged(
         after = result.rmse[exp.name] if exp.name in result.rmse else error_of(exp, result)
         errors.append(DayError(exp.name, "fitted" if exp in day.fitted else "judged", before, after, travel))
     change = change._replace(names=released_names(posterior, change.names))
-    mounting = mounting_moved(moves, surprising=surprising(errors, how["usual"] or 0.0))
-    if no_mounting(moves, result):
-        change = change._replace(another=np.inf)
+    largest = max(how["usual"] or 0.0, *old.rmse.values())
+    mounting = mounting_moved(moves, surprising=surprising(errors, largest))
+    if impossible := no_mounting(moves, result):
+        change = change._replace(another=f"its mounting would have to move farther than mountings do: {impossible}")
     verdict, sentence = verdict_of(old, moves, errors, mounting, None if how["kind"] else change)
     return Adaptation(verdict, sentence, change.names, moves, tuple(errors), day.seconds, result)
 
@@ -302,11 +303,12 @@ def error_of_rest(result: FitResult, day: DayParts) -> float:
     return float(np.mean(errors)) if errors else 0.0
 
 
-def surprising(errors: Sequence[DayError], usual: float) -> bool:
-    """Return whether the earlier model, in its earlier mounting, predicts a day worse than its error `usual` [m;
-    angles: rad] and a change of all parameters of the body from day to day explain.
+def surprising(errors: Sequence[DayError], largest: float) -> bool:
+    """Return whether the earlier model, in its earlier mounting, predicts a day worse, in the mean of its recordings,
+    than its `largest` earlier error [m; angles: rad] and a change of the whole body from day to day explain.
     """
-    return any(e.before > SURPRISING * np.hypot(usual, FROM_DAY_TO_DAY * e.travel) for e in errors)
+    travel = max(e.travel for e in errors)
+    return bool(np.mean([e.before for e in errors]) > SURPRISING * np.hypot(largest, FROM_DAY_TO_DAY * travel))
 
 
 def mounting_moved(moves: Sequence[Move], *, surprising: bool) -> str:
@@ -319,23 +321,30 @@ def mounting_moved(moves: Sequence[Move], *, surprising: bool) -> str:
     mine = [m for m in moves if m.belongs == "mounting" and m.name != COMMON]
     if not surprising or not mine:
         return ""
-    largest = join_words([m.name for m in sorted(mine, key=lambda m: -abs(m.after - m.before) / m.prior_std)[:3]])
-    return f"the mounting as a whole, most of all {largest}, which make up for each other,"
+    return f"the mounting as a whole, most of all {largest_of(mine)}, which make up for each other,"
 
 
-def no_mounting(moves: Sequence[Move], result: FitResult) -> bool:
-    """Return whether the mounting moved farther than its wide priors and the errors of the model's form explain."""
-    mine = [m for m in moves if m.belongs == "mounting" and m.name != COMMON]
+def largest_of(moves: Sequence[Move]) -> str:
+    """Return the names of the three largest moves for their priors, joined."""
+    return join_words([m.name for m in sorted(moves, key=lambda m: -abs(m.after - m.before) / m.prior_std)[:3]])
+
+
+def no_mounting(moves: Sequence[Move], result: FitResult) -> str:
+    """Return what moved most if base, frame, rest shape and markers moved farther than their wide priors and the errors
+    of the model's form explain; '' if they did not.
+    """
+    mine = [m for m in moves if m.belongs == "mounting" and of_geometry(m.name)]
     covariance = result.covariance
     if not mine or covariance is None:
-        return False
+        return ""
     std = np.array([m.prior_std for m in mine])
     spread = np.eye(len(mine))
     if covariance.form is not None:
         index = [covariance.names.index(m.name) for m in mine]
         spread += covariance.form[np.ix_(index, index)] / np.outer(std, std)
     away = np.array([m.after - m.before for m in mine]) / std
-    return bool(away @ np.linalg.solve(spread, away) > len(mine) + NO_MOUNTING * np.sqrt(2.0 * len(mine)))
+    far = away @ np.linalg.solve(spread, away) > len(mine) + NO_MOUNTING * np.sqrt(2.0 * len(mine))
+    return largest_of(mine) if far else ""
 
 
 def verdict_of(
@@ -349,21 +358,34 @@ def verdict_of(
     lost = fitted > LOST or (usual > 0 and fitted > max(0.1, WORSE * usual))
     if change is None and not lost:
         return "another of the kind", "Another robot of the kind: its body is fitted within the spread of the kind."
-    if change is None or lost or change.another > 0.0:
-        reason = "a few parameters of the body do not explain what changed"
-        if lost or change is None:
-            reason = f"its error on the fitted seconds stays at {100 * fitted:.2g} % of the peak displacement"
-        elif np.isinf(change.another):
-            reason = "its mounting would have to move farther than mountings do"
+    if change is None or lost or change.another:
+        reason = f"its error on the fitted seconds stays at {100 * fitted:.2g} % of the peak displacement"
+        reason = change.another if change and not lost else reason
         return "another arm", f"Another arm: {reason}. Identify it anew, from these start values."
     if change.names:
         listed = join_words([c.sentence for c in change.changes])
         return "changed body", f"The body changed: {listed}, in a fit whose body is free.{change.caution}"
-    better = sum(e.before for e in errors) > PLAIN * sum(e.after for e in errors)
-    if mounting and better:
-        moved = f"The same arm, mounted anew: {mounting} moved; no parameter of the body did."
-        return "re-mounted", moved + or_stiffer(moves)
-    return "same arm", f"The same arm in the same mounting: no parameter moved beyond its doubt.{or_stiffer(moves)}"
+    verdict, sentence = same_or_mounted(moves, errors, mounting, change.refuted)
+    return verdict, sentence + or_stiffer(moves)
+
+
+def same_or_mounted(
+    moves: Sequence[Move], errors: Sequence[DayError], mounting: str, refuted: Sequence[str],
+) -> tuple[Verdict, str]:
+    """Return the verdict on an arm whose body is the same, and a sentence with the reason."""
+    body = "no parameter of the body did"
+    if refuted:
+        body = f"that {join_words(refuted)} changed, as a fit whose body is free shows, the rest of the day refutes"
+    less = f"{100 * (1 - 1 / PLAIN):.0f} % smaller"
+    if mounting and sum(e.before for e in errors) > PLAIN * sum(e.after for e in errors):
+        return "re-mounted", f"The same arm, mounted anew: {mounting} moved; {body}."
+    if any(m.belongs == "mounting" and m.clear for m in moves):
+        kept = f"hardly mounted anew: {mounting} moved, which does not make the errors {less}; {body}"
+    elif mounting:
+        kept = f"although its errors are larger than expected: no other mounting makes them {less}, and no other body"
+    else:
+        kept = f"in the same mounting: {body if refuted else 'no parameter moved beyond its doubt'}"
+    return "same arm", f"The same arm, {kept}." if mounting else f"The same arm {kept}."
 
 
 def or_stiffer(moves: Sequence[Move]) -> str:

@@ -24,7 +24,8 @@ SUSPECT = 2.0  # standard deviations, from which a change is compared with the e
 MOST_EARLIER = 6  # recordings that are fitted for this comparison
 RELEASED = 0.5  # of a parameter's size: standard deviation of a parameter of the body that is released
 OTHERWISE = 0.3  # of a parameter's size: standard deviation of one that changed, and of each of another arm
-ODDS = 0.05  # prior probability that a given part changed, and that the arm is another one
+ODDS = 0.05  # prior odds of another arm to an arm in which the named parameters changed
+FEW = 2  # parameters that may change in any arm, however few its body has
 
 
 class Change(NamedTuple):
@@ -52,19 +53,21 @@ class BodyChange(NamedTuple):
     ----------
     names : tuple of str
         Parameters that changed; "stiffness" for that of every joint.
-    another : float
-        Logarithm of the odds of another arm, whose parameters all differ, to an arm in which only `names` changed;
-        minus infinity if none did.
+    another : str
+        Why the arm is another one; '' if it is not.
     compared : int
         Number of earlier recordings with which the change was compared; -1 if nothing called for it.
     changes : tuple of Change
         By how much they changed, as the fit with a free body shows it beyond the earlier recordings.
+    refuted : tuple of str
+        Parameters that changed in that fit, but not according to the rest of the day.
     """
 
     names: tuple[str, ...] = ()
-    another: float = -np.inf
+    another: str = ""
     compared: int = -1
     changes: tuple[Change, ...] = ()
+    refuted: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -127,22 +130,41 @@ def body_change(
         changed = tuple(n for n, f in zip(names, far, strict=True) if f)
     if not changed:
         return BodyChange(compared=len(moves))
-    odds = odds_of_another(move, doubt, [directions[n] for n in changed], posterior)
-    return BodyChange(changed, odds, len(moves), changes_of(posterior, changed, move, doubt))
+    another = why_another(move, doubt, changed, posterior)
+    return BodyChange(changed, another, len(moves), changes_of(posterior, changed, move, doubt))
+
+
+def why_another(move: Array, covariance: Array, changed: Sequence[str], posterior: Posterior) -> str:
+    """Return why a move (P,) with the given covariance (P, P) is that of another arm, although the named directions
+    explain most of it; '' if it is not.
+
+    In another arm most parameters changed, and more than two; or the others, taken together, explain as much as one
+    must to be named, and the odds favour an arm whose parameters all differ.
+    """
+    if len(changed) > max(FEW, 0.5 * len(move)):
+        return f"in a fit whose body is free, most of its parameters changed ({join_words(changed)})"
+    directions = directions_of(posterior)
+    named = [directions[n] for n in changed]
+    left = explained(list(np.eye(len(move))), move, covariance) - explained(named, move, covariance)
+    if left <= FAR**2 or odds_of_another(move, covariance, named, posterior) <= 0.0:
+        return ""
+    return f"in a fit whose body is free, {join_words(changed)} and, taken together, the other parameters changed"
 
 
 def odds_of_another(move: Array, covariance: Array, changed: Sequence[Array], posterior: Posterior) -> float:
     """Return the logarithm of the odds of another arm to an arm in which only the directions `changed` (P,) did.
 
     The move (P,) has the given covariance (P, P) about 0 if nothing changed. Each part that changed adds `OTHERWISE` of
-    its direction, another arm `OTHERWISE` of the size of every parameter. The evidence of each is the density of the
-    move: many free parameters cost as much as they promise and do not explain.
+    the size of its parameters, another arm `OTHERWISE` of the size of every parameter. The evidence of each is the
+    density of the move: many free parameters cost as much as they promise and do not explain. Parameters without a
+    size, at 0 and without a typical scale, promise nothing and are left out.
     """
     sizes = np.array([sizes_of(posterior)[n] for n in posterior.body.names])
-    some = sum((np.outer(u, u) for u in changed), np.zeros_like(covariance))
-    evidence = [log_density(move / sizes, (covariance + OTHERWISE**2 * more) / np.outer(sizes, sizes))
+    sized = np.flatnonzero(sizes)
+    some = sum((np.outer(u, u) for u in (sizes * (c != 0.0) for c in changed)), np.zeros_like(covariance))
+    evidence = [log_density(move[sized], (covariance + OTHERWISE**2 * more)[np.ix_(sized, sized)])
                 for more in (np.diag(sizes**2), some)]  # fmt: skip
-    return evidence[0] - evidence[1] + float(np.log(ODDS)) * (1 - len(changed))
+    return evidence[0] - evidence[1] + float(np.log(ODDS))
 
 
 def log_density(value: Array, covariance: Array) -> float:
@@ -224,32 +246,38 @@ def stepwise(move: Array, covariance: Array, directions: Mapping[str, Array], le
     """Return the names of the fewest directions (P,) that explain a move (P,) with the given covariance (P, P).
 
     The direction that explains most is added as long as it explains more than `least` standard deviations. Then each is
-    dropped without which the others explain as much. Directions A explain b' (A' W A)^-1 b with b = A' W move and the
-    inverse covariance W: the fall of the generalised sum of squares of what is left of the move.
+    dropped without which the others explain as much.
     """
-    size = np.sqrt(np.diag(covariance))
-    W = np.linalg.inv(covariance / np.outer(size, size))
-    units = {n: u / size / np.linalg.norm(u / size) for n, u in directions.items()}
-
-    def explained(names: Sequence[str]) -> float:
-        if not names:
-            return 0.0
-        A = np.stack([units[n] for n in names], axis=1)
-        b = A.T @ W @ (move / size)
-        return float(b @ np.linalg.lstsq(A.T @ W @ A, b, rcond=1e-9)[0])
+    def worth(names: Sequence[str]) -> float:
+        return explained([directions[n] for n in names], move, covariance)
 
     chosen: list[str] = []
     while len(chosen) < len(move):
-        gains = {n: explained([*chosen, n]) - explained(chosen) for n in units if n not in chosen}
+        gains = {n: worth([*chosen, n]) - worth(chosen) for n in directions if n not in chosen}
         best = max(gains, key=gains.__getitem__)
         if gains[best] <= least**2:
             break
         chosen.append(best)
     for name in tuple(chosen):
         others = [n for n in chosen if n != name]
-        if explained(chosen) - explained(others) <= least**2:
+        if worth(chosen) - worth(others) <= least**2:
             chosen = others
     return tuple(chosen)
+
+
+def explained(directions: Sequence[Array], move: Array, covariance: Array) -> float:
+    """Return how much of the squared deviation of a move (P,) with the given covariance (P, P) directions (P,) explain.
+
+    Directions A explain b' (A' W A)^-1 b with b = A' W move and the inverse covariance W: the fall of the generalised
+    sum of squares of what is left of the move.
+    """
+    if not len(directions):
+        return 0.0
+    size = np.sqrt(np.diag(covariance))
+    W = np.linalg.inv(covariance / np.outer(size, size))
+    A = np.stack([u / size / np.linalg.norm(u / size) for u in directions], axis=1)
+    b = A.T @ W @ (move / size)
+    return float(b @ np.linalg.lstsq(A.T @ W @ A, b, rcond=1e-9)[0])
 
 
 def released_names(posterior: Posterior, changed: Sequence[str]) -> tuple[str, ...]:

@@ -65,6 +65,14 @@ def of_mounting(name: str) -> bool:
     return path is not None and path.stem in MOUNTING
 
 
+def of_geometry(name: str) -> bool:
+    """Return whether a parameter of the mounting is one of base, frame, rest shape or markers, which an arm has however
+    it is used: not of its load, its clock or its tendons.
+    """
+    path = find_path(name)
+    return path is not None and path.stem in MOUNTING and path.stem not in (*TIGHTENED, "tip_mass", "start", "latency")
+
+
 def width_of(name: str, model: Model) -> float:
     """Return the standard deviation (SI) of the prior of a mounting parameter, such as ``base_tilt_x``."""
     path = find_path(name)

@@ -50,7 +50,7 @@ def control(
         Path | None, typer.Option("--task", help="Task (.toml): set-points and limits.", show_default="the example")
     ] = None,
     plant: Annotated[
-        str, typer.Option("--plant", help="testbed:a, testbed:b, testbed:c, model:FILE, or the name of a plug-in.")
+        str, typer.Option("--plant", help="testbed:a, testbed:b, testbed:c, model:FILE_OR_FOLDER, or a plug-in's name.")
     ] = "testbed:a",
     estimator: Annotated[str, typer.Option(help="observer, filter, differences, or an installed one.")] = "observer",
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for log, report and figure.")] = Path(

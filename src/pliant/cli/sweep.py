@@ -23,7 +23,7 @@ def sweep(
     where: Annotated[str, typer.Option("--scheduler", "--device", help=WHERE)] = "local",
     *,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
-    model: Annotated[Path | None, typer.Option(help="Model file to use instead of the study's body.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model file, or results folder, for the study's body.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed to use instead of the file's.")] = None,
     figure: Annotated[Path | None, typer.Option(help="Figure of the tips and of every result (.png or .svg).")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
