@@ -9,10 +9,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from pliant.errors import InputError, shown
-from pliant.recording.clock import SECONDS
+from pliant.recording.clock import PARTS, SECONDS, parted_clock
 from pliant.recording.tables import holds_number
 from pliant.recording.vocabulary import (
     ABSOLUTE,
@@ -35,7 +33,6 @@ from pliant.units import METRE, PASCAL, PIXEL, RADIAN, standard_unit
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
 
 UNITS = (SECONDS, RADIAN, PASCAL)
 PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNORECASE)
@@ -51,11 +48,6 @@ TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "dat
 A_SET_POINT = "a set point is read as the pressure:"  # beginning of the sentence on it
 COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
 ALONE = {"ms": "t_ms", "msec": "t_ms"}  # names of times where a table has no other, and no seconds beside them
-PARTS = {  # names of seconds, and of their fraction with its unit
-    "seconds": re.compile(r"(?:.*[_ .])?(?:sec|secs|seconds)", re.IGNORECASE),
-    "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),
-    "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosecs?|nanoseconds?)", re.IGNORECASE),
-}
 TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orientation|o)[_ .]?([xyzw0])",
                   re.IGNORECASE)  # fmt: skip
 NUMBERED = {"0": "w"}  # q0 beside qx, qy and qz; q0 to q3 may be joint angles
@@ -388,32 +380,6 @@ def bracketed_unit(name: str) -> str:
     """Return the unit that the name of a column states in brackets, in standard spelling; "" where there are none."""
     match = BRACKETED.fullmatch(as_written(name))
     return standard_unit(match[2] or match[3]) if match else ""
-
-
-class PartedClock(NamedTuple):
-    """The columns of a time that a table stores in two parts: seconds, and their fraction in a smaller unit."""
-
-    seconds: int
-    fraction: int
-    unit: str
-
-    def joined(self, table: NDArray) -> NDArray:
-        """Return the times (R,) [s] since the first whole second of a table (R, K)."""
-        whole = table[:, self.seconds]
-        begin = whole[np.isfinite(whole)][:1].sum()
-        return np.asarray(whole - begin + table[:, self.fraction] * SECONDS[self.unit])
-
-
-def parted_clock(names: Sequence[str]) -> PartedClock | None:
-    """Return the columns of the time of a table that stores it in two, such as ``sec`` and ``usec``; None for any other
-    table.
-    """
-    seconds = [k for k, name in enumerate(names) if PARTS["seconds"].fullmatch(name)]
-    for unit in ("us", "ns"):
-        fraction = [k for k, name in enumerate(names) if PARTS[unit].fullmatch(name)]
-        if len(seconds) == len(fraction) == 1:
-            return PartedClock(seconds[0], fraction[0], unit)
-    return None
 
 
 CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns", "t_min": "min", "t_h": "h"}

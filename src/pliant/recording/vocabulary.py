@@ -91,6 +91,11 @@ def base_to_tip(stations: Sequence[str]) -> list[str]:
     return [*first, *(name for name in stations if name not in (*first, *last)), *last]
 
 
+def says_base(name: str) -> bool:
+    """Return whether the name of a station says base."""
+    return "base" in name.lower() or _says(in_english(name), AT_BASE)
+
+
 def says_end(name: str) -> bool:
     """Return whether the name of a column or station says base or tip."""
     return _says(in_english(name), AT_BASE | AT_TIP)

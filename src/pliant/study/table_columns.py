@@ -20,9 +20,9 @@ from pliant.recording.cells import (
     with_states,
     without_trailing,
 )
+from pliant.recording.clock import PartedClock
 from pliant.recording.column_names import (
     NUMBERED,
-    PartedClock,
     is_no_place,
     is_time,
     parted,
