@@ -76,16 +76,18 @@ def test_a_base_that_moves_from_the_first_frame_is_an_input(tmp_path: Path) -> N
 def test_unequal_segments_are_stated_once(tmp_path: Path) -> None:
     time, pressure, base, tip = bending()
     path = written(tmp_path / "arm.csv", ["t", *PLACES, "p [kPa]"], time, 1e3 * base, 1e3 * tip, pressure)
-    parts = ("--length", "30mm,0.05,40mm", "--mass", "50g")
+    parts = ("--length", "30mm,0.05m,40mm", "--mass", "50g")
     study, asked = drafted(tmp_path, path, body=parts)
     assert asked == []
     assert study["actuator"]["segments"] == pytest.approx([0.03, 0.05, 0.04])
     assert not {"length", "links"} & set(study["actuator"])
     assert load_study(tmp_path / "study.toml").actuator.links == 6
     (tmp_path / "study.toml").unlink()
-    wrong = invoke("new", tmp_path / "study.toml", "--from", path, "--length", "30mm,50kPa")
-    assert wrong.exit_code
-    assert "50kPa" in wrong.output
+    for text, why in (("30mm,50kPa", "50kPa"), ("0,17", "decimal comma"), ("0mm,100mm", "above 0"),
+                      ("-50mm,150mm", "above 0"), ("nan,.1", "nan"), ("60mm,62.5,64mm", "unit for each")):  # fmt: skip
+        wrong = invoke("new", tmp_path / "study.toml", "--from", path, f"--length={text}")
+        assert wrong.exit_code
+        assert why in " ".join(wrong.output.replace("│", "").split())
 
 
 def test_ticks_of_a_computer_are_times_in_a_unit_that_is_asked(tmp_path: Path) -> None:

@@ -121,6 +121,9 @@ def test_a_trc_file(tmp_path: Path) -> None:
     path = tmp_path / "arm.trc"
     path.write_text("\n".join([*head, *rows, ""]))
     check(path)
+    for markers in (("A", "F"), ("base", "target"), ("M_V", "Spitze")):
+        path.write_text("\n".join([*head, *rows, ""]).replace("\tbase\t\t\ttip", f"\t{markers[0]}\t\t\t{markers[1]}"))
+        assert read(path)["station"].values.tolist() == list(markers)
     path.write_text("\n".join([*head, *rows[:-5], ""]))
     with pytest.raises(InputError, match="60"):
         read(path)
@@ -130,7 +133,8 @@ def test_a_trc_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("ending", "content", "remedy"), [
-    (".csv", b"PK\x03\x04\x14\x00\x06\x00 a workbook", "a .xlsx file by its first bytes: save its sheet as CSV"),
+    (".csv", b"PK\x03\x04\x14\x00\x06\x00xl/workbook.xml", "a .xlsx file by its first bytes: save its sheet as CSV"),
+    (".csv", b"PK\x03\x04\x14\x00\x06\x00word/document.xml", "a .zip file by its first bytes: unpack it first"),
     (".bin", b"HIERARCHY\nROOT a\n{\n}\n", "export the positions of its joints"),
 ])  # fmt: skip
 def test_a_file_of_another_program(tmp_path: Path, ending: str, content: bytes, remedy: str) -> None:
@@ -158,7 +162,23 @@ def test_units_behind_a_slash_but_no_rates_or_topics() -> None:
 @pytest.mark.parametrize(("name", "commanded"), [
     ("soll [kPa]", True), ("Sollwert [bar]", True), ("pTarget", True), ("P_set [kPa]", True), ("desired_p", True),
     ("目标压力(kPa)", True), ("consigne (bar)", True), ("Istwert [bar]", False), ("pression des tubes [kPa]", False),
-    ("p_meas [kPa]", False), ("offset_kPa", False),
+    ("p_meas [kPa]", False), ("offset_kPa", False), ("settle [N]", False), ("refill [N]", False),
 ])  # fmt: skip
 def test_a_set_point_by_its_name(name: str, commanded: bool) -> None:
     assert is_command(name) == commanded
+
+
+def test_a_sign_of_windows_before_a_word_is_no_chinese_name(tmp_path: Path) -> None:
+    path = tmp_path / "arm.csv"
+    rows = "\n".join(",".join(row[:7]) for row in cells())
+    path.write_bytes(f"# \u2022r\u00e9gulation\n{NAMES['utf-8'].rsplit(',', 1)[0]}\n{rows}\n".encode("cp1252"))
+    assert "gb18030" not in read(path).history
+    check(path)
+
+
+def test_lines_that_only_begin_with_a_bar_keep_a_blank_last_cell(tmp_path: Path) -> None:
+    path = tmp_path / "arm.csv"
+    rows = cells()
+    rows[20][-1] = ""
+    path.write_text("\n".join("|" + "|".join(row) for row in [NAMES["utf-8"].split(","), *rows]) + "\n")
+    assert np.isnan(read(path)["pressure"].values).sum() == 1

@@ -23,6 +23,7 @@ from pliant.recording.vocabulary import (
     PLAINLY_OUTSIDE,
     PRESSED,
     REFERENCE,
+    SET_POINT,
     as_written,
     base_to_tip,
     in_english,
@@ -118,7 +119,8 @@ def standard_names(names: list[str], file: str) -> Renamed:
     listed = [changed.get(n, n if n in standard else w) for n, w in zip(names, written, strict=True)]
     original = dict(zip(names, written, strict=True))
     findings = _sentence({original[n]: new for n, new in changed.items()}, units)
-    findings += [f"{A_SET_POINT} {shown(original[n])} alone" for n in channels if len(channels) == 1 and is_command(n)]
+    findings += [f"{A_SET_POINT} {shown(original[n])} alone" for n in channels
+                 if len(channels) == 1 and COMMAND.fullmatch(in_english(n))]  # fmt: skip
     return Renamed(listed, next(iter(units), ""), findings)
 
 
@@ -152,7 +154,7 @@ def written_words(name: str) -> list[str]:
 
 def is_command(name: str) -> bool:
     """Return whether the name of a column says a set point, such as ``soll [kPa]`` or ``pTarget``."""
-    return COMMAND.fullmatch("_".join(words_of(name))) is not None
+    return SET_POINT.fullmatch("_".join(words_of(name))) is not None
 
 
 def is_no_place(words: Sequence[str]) -> bool:

@@ -48,17 +48,17 @@ def of_trc(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
     markers = [cell.strip() for cell in rows[3].split("\t")[2:] if cell.strip()] if header else []
     if not markers or "Units" not in header:
         raise InputError(f"{name} is a TRC file without Units or names of markers in its first lines: export it again")
-    names = names_of_markers(markers)
+    names = names_of_markers(markers, header["Units"].strip())
     body, short = of_width(rows[ABOVE_TRC:], len(names) + 2, name)
     count = whole_number(header.get("NumFrames", "").strip())
-    about = {"length_unit": header["Units"].strip(), **({} if count is None else {"rows": count})}
-    return [f"# {json.dumps(about)}", "\t".join(["Frame", "t", *names]), *body, ""], [
+    metadata = [] if count is None else [f"# {json.dumps({'rows': count})}"]
+    return [*metadata, "\t".join(["Frame", "t", *names]), *body, ""], [
         f"{name} is a TRC file: {len(markers)} marker(s) in {header['Units'].strip()}", *short]  # fmt: skip
 
 
-def names_of_markers(markers: Sequence[str]) -> list[str]:
+def names_of_markers(markers: Sequence[str], unit: str) -> list[str]:
     """Return the standard names of the columns of markers, each of which is a station whatever it is called."""
-    return [f"{axis}_{marker.replace(' ', '_')}" for marker in markers for axis in "xyz"]
+    return [f"{axis}_{marker.replace(' ', '_')} [{unit}]" for marker in markers for axis in "xyz"]
 
 
 def of_qualisys(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
@@ -80,7 +80,7 @@ def of_qualisys(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
                          "positions of the markers (3D) as TSV")
     if not markers or not rate > 0:
         raise InputError(f"{name} is a table of Qualisys without MARKER_NAMES or FREQUENCY: export it with its header")
-    names = names_of_markers(markers)
+    names = names_of_markers(markers, "mm")
     timed = lines[begin].startswith("Frame")
     rows = [line for line in lines[begin + timed :] if line.strip()]
     head = ["Frame", "t", *names] if timed else [*names, "t"]
@@ -88,8 +88,8 @@ def of_qualisys(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
     if not timed:  # a cut last row gets no time: it stays too short
         rows = [f"{row}\t{k / rate:.6f}" if row.count("\t") + 1 == len(names) else row for k, row in enumerate(rows)]
     count = whole_number("".join(about.get("NO_OF_FRAMES", [])[:1]))
-    unit = {"length_unit": "mm", **({} if count is None else {"rows": count})}
-    return [f"# {json.dumps(unit)}", "\t".join(head), *rows, ""], [
+    metadata = [] if count is None else [f"# {json.dumps({'rows': count})}"]
+    return [*metadata, "\t".join(head), *rows, ""], [
         f"{name} is a table of Qualisys: {len(markers)} marker(s) in mm at {rate:g} Hz", *short]  # fmt: skip
 
 

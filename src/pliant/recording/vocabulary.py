@@ -41,6 +41,8 @@ FLUID = re.compile(r"(?!.*baro)(?:.*[./])?fluid_pressure", re.IGNORECASE)  # the
 PLAINLY_OUTSIDE = re.compile(rf"(.*[\W_])?({PLAIN_COMMANDS}|supply|tank|{AIR})([\W_].*)?", re.IGNORECASE)
 NOT_INSIDE = re.compile(rf"(.*[\W_])?({ELSEWHERE})([\W_].*)?", re.IGNORECASE)
 COMMAND = re.compile(rf"(?!.*(?:supply|tank|{AIR}))(.*[\W_])?({COMMANDS})([\W_].*)?", re.IGNORECASE)
+WHOLE = rf"set|set_?points?|cmd|command|commanded|ref|reference|target|{DES}|desired|goal|soll|sollwerte?"
+SET_POINT = re.compile(rf"(?!.*(?:supply|tank|{AIR}))(.*[\W_])?({WHOLE})([\W_].*)?", re.IGNORECASE)  # not settle
 REFERENCE = re.compile(r"(?:^|[\W_])ref", re.IGNORECASE)
 PERHAPS_MEASURED = re.compile(r"(?:^|[\W_])(?:ist(?:wert)?|act(?:ual)?|meas\w*|raw|press\w*)(?:[\W_\d]|$)",
                               re.IGNORECASE)  # fmt: skip
