@@ -109,8 +109,8 @@ def standard_names(names: list[str], file: str) -> Renamed:
     rest = [name for name in names if name not in standard]
     channels = _channels(rest, [*standard.values()])
     if not channels and not inside:
-        plain = {} if positions or short else _set_points(rest, pressures)
-        channels = plain or _channels(rest, [*standard.values()], PLAINLY_OUTSIDE)
+        commands = {} if positions or short else _set_points(rest, pressures)
+        channels = commands or _channels(rest, [*standard.values()], PLAINLY_OUTSIDE)
     if not pressures and not channels and len(fluids := unitless_pressures(names)) == 1 and FLUID.fullmatch(fluids[0]):
         channels = {fluids[0]: "p_pa"}
     standard |= channels
