@@ -75,16 +75,18 @@ def test_a_base_that_moves_from_the_first_frame_is_an_input(tmp_path: Path) -> N
 def test_unequal_segments_are_stated_once(tmp_path: Path) -> None:
     time, pressure, base, tip = bending()
     path = written(tmp_path / "arm.csv", ["t", *PLACES, "p [kPa]"], time, 1e3 * base, 1e3 * tip, pressure)
-    parts = ("--length", "30mm,0.05,40mm", "--mass", "50g")
+    parts = ("--length", "30mm,0.05m,40mm", "--mass", "50g")
     study, asked = drafted(tmp_path, path, body=parts)
     assert asked == []
     assert study["actuator"]["segments"] == pytest.approx([0.03, 0.05, 0.04])
     assert not {"length", "links"} & set(study["actuator"])
     assert load_study(tmp_path / "study.toml").actuator.links == 6
     (tmp_path / "study.toml").unlink()
-    wrong = invoke("new", tmp_path / "study.toml", "--from", path, "--length", "30mm,50kPa")
-    assert wrong.exit_code
-    assert "50kPa" in wrong.output
+    for text, why in (("30mm,50kPa", "50kPa"), ("0,17", "decimal comma"), ("0mm,100mm", "above 0"),
+                      ("-50mm,150mm", "above 0"), ("nan,.1", "nan"), ("60mm,62.5,64mm", "unit for each")):  # fmt: skip
+        wrong = invoke("new", tmp_path / "study.toml", "--from", path, f"--length={text}")
+        assert wrong.exit_code
+        assert why in " ".join(wrong.output.replace("│", "").split())
 
 
 def test_ticks_of_a_computer_are_times_in_a_unit_that_is_asked(tmp_path: Path) -> None:
@@ -109,3 +111,40 @@ def test_an_array_that_a_mapping_names_is_a_set_point_by_its_name(tmp_path: Path
     (tmp_path / "m.toml").write_text(f'pressure = "{name}"\npressure_unit = "bar"\n')
     study, _ = drafted(tmp_path, tmp_path / "arm.npz", body=(*BODY, "--mapping", str(tmp_path / "m.toml")))
     assert study["recordings"]["arm"].get("signal") == ("commanded" if name == "p_soll" else None)
+
+
+def test_the_first_unit_of_a_station_counts(tmp_path: Path) -> None:
+    time, pressure, _, tip = bending()
+    path = written(tmp_path / "arm.csv", ["t", "p_kpa", "x [mm]", "y", "z"], time, pressure, 1e3 * tip)
+    study, _ = drafted(tmp_path, path)
+    assert study["mapping"]["length_unit"] == "mm"
+    names = ["t", "p_kpa", *(f"base_{a} [mm]" for a in "xyz"), "tip_x", "tip_y", "tip_z"]
+    (tmp_path / "study.toml").unlink()
+    written(path, names, time, pressure, 0.0 * tip, 1e3 * tip)
+    refused = invoke("new", tmp_path / "study.toml", "--from", path, *BODY)
+    assert "several units of length" in str(refused.exception or refused.output)
+
+
+def test_ticks_of_an_encoder_are_no_times(tmp_path: Path) -> None:
+    time, _, base, tip = bending()
+    names = [*PLACES, "motor_ticks"]
+    path = written(tmp_path / "arm.csv", names, 1e3 * base, 1e3 * tip, np.arange(len(time)) ** 2.0)
+    study, asked = drafted(tmp_path, path)
+    assert "rate_hz" in asked
+    assert "time" not in study["mapping"]
+
+
+def test_a_release_on_a_moving_base_is_drafted_without_its_motion(tmp_path: Path) -> None:
+    time = np.arange(600) * 0.01
+    angle = np.where(time < 0.5, 1.0, np.exp((0.5 - time) / 0.6) * np.cos(14.0 * (time - 0.5)))
+    rng = np.random.default_rng(2)
+    files = []
+    for k, bent in enumerate([0.5, 0.4]):
+        turn = bent * angle
+        carried = 0.015 * np.column_stack([np.sin(turn), 0.0 * time, 0.0 * time])
+        places = [length * np.column_stack([np.sin(part * turn), 0.0 * time, -np.cos(part * turn)]) + carried
+                  + 2e-5 * rng.normal(size=(len(time), 3)) for length, part in ((0.0, 0.0), (0.05, 0.5), (0.1, 1.0))]
+        names = ["t", *(f"{a}_{s}" for s in ("base", "mid", "tip") for a in "xyz")]
+        files.append(written(tmp_path / f"r{k}.csv", names, time, *places))
+    study, _ = drafted(tmp_path, *files)
+    assert "base_motion" not in study["alignment"]["options"]

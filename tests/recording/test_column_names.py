@@ -74,12 +74,12 @@ def test_rotations_fields_and_angles_of_joints_are_no_places(places: str, others
 
 def test_a_french_article_is_no_set_point() -> None:
     names = ["t", "pression des tubes [kPa]", "consigne [kPa]"]
-    assert standard_names(names, "a.csv").names == ["t", "p_kpa_des tubes", "consigne [kPa]"]
+    assert standard_names(names, "a.csv").names == ["t", "p_kpa", "consigne [kPa]"]
 
 
 @pytest.mark.parametrize("names", [
-    "t soll_kPa -> t p_kpa_soll",  # alone in a log, a set point is what is known
-    "t soll_a_kPa consigne_b_kPa -> t p_kpa_soll_a p_kpa_target_b",
+    "t soll_kPa -> t p_kpa",  # alone in a log, a set point is what is known
+    "t soll_a_kPa consigne_b_kPa -> t p_kpa_soll_a p_kpa_consigne_b",
     "t x_tip y_tip soll_kPa -> t x_tip y_tip soll_kPa",  # the measured pressure may be in a log
     "t tip_x tip_y soll_kPa P1_kPa -> t x_tip y_tip soll_kPa p_kpa",
     "t tx ty tz target_psi -> t x_body y_body z_body target_psi",

@@ -262,6 +262,17 @@ def test_typed_steps_that_end_where_they_begin_are_let_off_by_their_last_row(tmp
     assert abs(joined["pressure_time"].values[0]) < 0.15
 
 
+def test_typed_steps_that_end_at_a_level_are_not_held_where_the_shape_returns(tmp_path):
+    time = np.arange(0.0, 10.0, 0.02)
+    bent = np.select([time < 1.0, time < 3.0, time < 5.0, time < 7.0], [0.0, 20.0, 40.0, 20.0], 0.0)
+    places = np.stack([np.zeros((len(time), 3)), np.column_stack([-0.001 * bent, 0.1 - 0.0005 * bent, 0.0 * bent])], 1)
+    shape = make_recording(time, places, station=["base", "tip"])
+    log = written(tmp_path / "film_log.csv", ["t_s", "p_kPa"], np.array([0.0, 2.0, 4.0, 6.0]),
+                  np.array([20.0, 40.0, 20.0, 20.0]))  # fmt: skip
+    joined, _ = with_log(shape, log, "film")
+    assert "is held" not in joined.attrs["history"]
+
+
 ARRAYS = {"time": "mocap.time", "position": {"base": "mocap.base", "tip": "mocap.tip"}, "pressure": "daq.pressure"}
 
 

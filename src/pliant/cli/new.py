@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +19,16 @@ if TYPE_CHECKING:
 def lengths(given: Any) -> float | tuple[float, ...]:
     """Return a length [m], or those of several segments that commas separate."""
     metres = in_unit("m")
-    return tuple(map(metres, given.split(","))) if isinstance(given, str) and "," in given else metres(given)
+    if not isinstance(given, str) or "," not in given:
+        return metres(given)
+    parts = given.split(",")
+    if len({part.strip()[-1:].isalpha() for part in parts}) > 1 or (len(parts) == 2 and parts[0].strip() in ("0", "")):
+        raise typer.BadParameter(f"{given} states lengths of segments, with a unit for each or for none, as 60mm,62mm; "
+                                 "a decimal comma is a point, as 0.17")
+    values = tuple(map(metres, parts))
+    if not all(0 < value < math.inf for value in values):
+        raise typer.BadParameter(f"{given}: the length of each segment must be above 0 and finite")
+    return values
 
 
 lengths.__name__ = "float"  # as the help shows it

@@ -13,6 +13,7 @@ from pliant.preprocessing.rotations import angle_about, continuous, from_matrix,
 from pliant.preprocessing.side import alignment_of
 from pliant.recording import append_history
 from pliant.recording.inputs import inputs_at, with_base_motion
+from pliant.recording.vocabulary import says_base
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -293,7 +294,7 @@ def base_is_moved(stations: xr.Dataset, index: int) -> bool:
     the first disk of a body that no station holds moves too.
     """
     if stations.sizes["station"] < 2 or not (
-        is_turned(stations, index) or "base" in str(stations["station"].values[index]).lower()
+        is_turned(stations, index) or says_base(str(stations["station"].values[index]))
     ):
         return False
     travel = np.nan_to_num(detectors.travel(detectors.without_spikes(stations["position"].values)))

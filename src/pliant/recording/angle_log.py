@@ -101,12 +101,14 @@ def roles(names: Sequence[str]) -> dict[str, tuple[Role, str]]:
     name states none).
     """
     recognised: dict[str, tuple[Role, str]] = {}
-    for name in names:
-        bare, unit = parted(name)
-        for role, pattern in NAMES.items():
-            if pattern.fullmatch(bare) and (not unit or unit in UNITS[role]):
-                recognised[name] = (role, unit or ("ms" if bare == "millis" else ""))
-                break
+    for translated in (False, True):  # names in other languages where no other name has the role
+        known = {role for role, _ in recognised.values()}
+        for name in names:
+            bare, unit = parted(name, translated=translated)
+            role = next((role for role, pattern in NAMES.items()
+                         if pattern.fullmatch(bare) and (not unit or unit in UNITS[role])), None)  # fmt: skip
+            if role is not None and role not in known and (unit or not translated or role != "angle"):
+                recognised.setdefault(name, (role, unit or ("ms" if bare == "millis" else "")))
     if not any(role == "angle" for role, _ in recognised.values()):
         recognised |= {name: ("angle", unit) for name in names for bare, unit in [parted(name)]
                        if unit in RADIAN and BEND.fullmatch(bare)}  # fmt: skip

@@ -1,14 +1,19 @@
-"""Repair the sample times of small data loggers: counters that wrap around, and time stamps that repeat."""
+"""Repair the sample times of small data loggers: counters that wrap around, times in two columns, and time stamps that
+repeat.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import re
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from pliant.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "min": 60.0, "h": 3600.0}
@@ -20,6 +25,38 @@ SHORT = 5e-5  # least step of times in s: shorter ones between such numbers are 
 SLOW, ROUNDED = 1e-3, 5e-3  # days: longest step between dates that is recognised; s: rounding of their digits
 EXACT = 0.9  # of a step: how far from a round counter the next time may be
 NEAR = 0.02  # of the counter: how close to its end and to zero a wrap lies
+
+PARTS = {  # names of seconds, and of their fraction with its unit
+    "seconds": re.compile(r"(?:.*[_ .])?(?:sec|secs|seconds)", re.IGNORECASE),
+    "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),
+    "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosecs?|nanoseconds?)", re.IGNORECASE),
+}
+
+
+class PartedClock(NamedTuple):
+    """The columns of a time that a table stores in two parts: seconds, and their fraction in a smaller unit."""
+
+    seconds: int
+    fraction: int
+    unit: str
+
+    def joined(self, table: NDArray) -> NDArray:
+        """Return the times (R,) [s] since the first whole second of a table (R, K)."""
+        whole = table[:, self.seconds]
+        begin = whole[np.isfinite(whole)][:1].sum()
+        return np.asarray(whole - begin + table[:, self.fraction] * SECONDS[self.unit])
+
+
+def parted_clock(names: Sequence[str]) -> PartedClock | None:
+    """Return the columns of the time of a table that stores it in two, such as ``sec`` and ``usec``; None for any other
+    table.
+    """
+    seconds = [k for k, name in enumerate(names) if PARTS["seconds"].fullmatch(name)]
+    for unit in ("us", "ns"):
+        fraction = [k for k, name in enumerate(names) if PARTS[unit].fullmatch(name)]
+        if len(seconds) == len(fraction) == 1:
+            return PartedClock(seconds[0], fraction[0], unit)
+    return None
 
 
 def unwrapped(ticks: NDArray, unit: str, file: str) -> tuple[NDArray, list[str]]:

@@ -9,10 +9,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from pliant.errors import InputError, shown
-from pliant.recording.clock import SECONDS
+from pliant.recording.clock import PARTS, SECONDS, parted_clock
 from pliant.recording.tables import holds_number
 from pliant.recording.vocabulary import (
     ABSOLUTE,
@@ -22,8 +20,11 @@ from pliant.recording.vocabulary import (
     NOT_INSIDE,
     OTHERS,
     PERHAPS_MEASURED,
+    PLAINLY_OUTSIDE,
     PRESSED,
     REFERENCE,
+    SET_POINT,
+    as_written,
     base_to_tip,
     in_english,
     says_end,
@@ -33,25 +34,21 @@ from pliant.units import METRE, PASCAL, PIXEL, RADIAN, standard_unit
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
 
 UNITS = (SECONDS, RADIAN, PASCAL)
 PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNORECASE)
 BEFORE = re.compile(r"([xyz])[_ .:](.+)", re.IGNORECASE)  # x_tip
 COUNTED = re.compile(r"([xyz])([0-9]+)", re.IGNORECASE)  # x1
 BEHIND = re.compile(r"(.+?)[_ .:](?:p(?:os|osition)?[_ .]?)?([xyz])", re.IGNORECASE)  # tip_x, tip_px
-JOINED = re.compile(r"(.*[a-z0-9])([XYZ])|(.*[0-9])([xyz])")  # tipX, m0x
+JOINED = re.compile(r"(.*[a-z\u00df-\u00ff0-9])([XYZ])|(.*[0-9\u3040-\u9fff])([xyzXYZ])")  # tipX, m0x
 ONE_BODY = re.compile(r"(?:pos(?:ition)?|trans(?:lation)?|t|p)?[_ .]?([xyz])", re.IGNORECASE)  # without a station
 BACK = re.compile(r"^([xyz])([bt])(?![a-z0-9])")  # xb, as bx
 SHORT = re.compile(r"(?:(.+)[_ .:])?([a-z])([xyz])", re.IGNORECASE)  # bx, Port1_Tx
-TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "datetime", "date_time", "date", "clock"}
+TIMES = {"t", "time", "timestamp", "time_stamp", "elapsed", "elapsed_time", "datetime", "date_time", "date", "clock",
+         "zeit", "zeitstempel", "uhrzeit", "temps", "tiempo", "tempo", "tid", "tijd"}  # fmt: skip
+A_SET_POINT = "a set point is read as the pressure:"  # beginning of the sentence on it
 COUNTERS = {"millis": "ms", "micros": "us"}  # names of times that state their unit
 ALONE = {"ms": "t_ms", "msec": "t_ms"}  # names of times where a table has no other, and no seconds beside them
-PARTS = {  # names of seconds, and of their fraction with its unit
-    "seconds": re.compile(r"(?:.*[_ .])?(?:sec|secs|seconds)", re.IGNORECASE),
-    "us": re.compile(r"(?:.*[_ .])?(?:us|usecs?|microsecs?|microseconds?)", re.IGNORECASE),
-    "ns": re.compile(r"(?:.*[_ .])?(?:ns|nsecs?|nanosecs?|nanoseconds?)", re.IGNORECASE),
-}
 TURN = re.compile(r"(?:(.+?)[_ .:]?)?(?:q|quat(?:ernion)?|rot(?:ation)?|ori|orientation|o)[_ .]?([xyzw0])",
                   re.IGNORECASE)  # fmt: skip
 NUMBERED = {"0": "w"}  # q0 beside qx, qy and qz; q0 to q3 may be joint angles
@@ -60,8 +57,8 @@ BRACKETED = re.compile(  # tip_x [mm], p [bar(g)], p (bar(g))
     r"(.+?)[\s_]*(?:\[\s*([^\[\]]+?)\s*\]|\(\s*([^()]+(?:\([^()]*\))?)\s*\))")
 ENDING = re.compile(r"(.+)[_ ]([A-Za-z\u00b5\u03bc\u00b0]+)")  # tip_x_mm
 CLOCK_FACE = re.compile(r"h*:?m+:s+(?:[.:,](?:m|s|f|0|x|u)+)?")  # hh:mm:ss.ms, how times are written
-WORD = re.compile(r"[kMmh]Pa(?![a-z])|kN(?![a-z])|m[NAV](?![a-z])|[A-Z]{2,}(?![a-z])|[A-Z]?[a-z]+|[A-Z]|\d+|°|"
-                  r"[^\W_\x00-\x7f]+")
+WORD = re.compile(r"[kMmh]Pa(?![a-z])|kN(?![a-z])|m[NAV](?![a-z])|[A-Z]{2,}(?![a-z])|"
+                  r"[A-Z\u00c0-\u00de]?[a-z\u00df-\u00ff]+|[A-Z]|\d+|°|[^\W_\x00-\xff]+|[\u00c0-\u00de]")
 LETTERS = set("afgoqvw")  # of quantities that are no positions
 TORQUES = re.compile(r"(?:.* )?(?:fx fy fz tx ty tz|Fx Fy Fz Tx Ty Tz|FX FY FZ TX TY TZ)(?: .*)?")  # of a load cell
 PERHAPS_A_PLACE = "tx, ty, tz of"  # beginning of the sentence on them
@@ -91,12 +88,10 @@ def standard_names(names: list[str], file: str) -> Renamed:
     InputError
         When the position columns state different units of length, or only some of them state one.
     """
-    written, english = names, Counter(map(in_english, names))
-    names = [plain if english[plain := in_english(name)] == 1 else name for name in written]
+    written, plainly = names, Counter(map(as_written, names))
+    names = [plain if plainly[plain := as_written(name)] == 1 else name for name in written]
     positions = {name: coordinate for name in names if (coordinate := _position(name))}
-    if any(BEFORE.fullmatch(name) for name in names):  # where x_tip is a position, foo_x is not, but tip_y or tip_x_mm
-        positions = {name: (new, unit) for name, (new, unit) in positions.items()
-                     if unit or BEFORE.fullmatch(name) or says_end(new)}  # fmt: skip
+    positions = _of_one_spelling(positions)
     body, short = _one_body(names, positions), _short(names)
     positions = short if not positions and set(short) > set(body) else body or positions
     units = {unit for _, unit in positions.values()}
@@ -109,10 +104,13 @@ def standard_names(names: list[str], file: str) -> Renamed:
     clocks = _clocks(names)
     standard |= {n: other for n in names if n not in standard and (other := clocks.get(n))}
     pressures = {n: other for n in names if n not in standard and (other := _pressure(n))}
-    inside = {n: other for n, other in pressures.items() if not NOT_INSIDE.fullmatch(n)}
-    standard |= inside or ({} if _perhaps_measured(set(names) - set(pressures)) else pressures)
+    inside = {n: other for n, other in pressures.items() if not NOT_INSIDE.fullmatch(in_english(n))}
+    standard |= inside or ({} if _perhaps_measured(filter(_says_pressure, set(names) - set(pressures))) else pressures)
     rest = [name for name in names if name not in standard]
-    channels = _channels(rest, [*standard.values()]) or ({} if positions or short else _set_points(rest, pressures))
+    channels = _channels(rest, [*standard.values()])
+    if not channels and not inside:
+        commands = {} if positions or short else _set_points(rest, pressures)
+        channels = commands or _channels(rest, [*standard.values()], PLAINLY_OUTSIDE)
     if not pressures and not channels and len(fluids := unitless_pressures(names)) == 1 and FLUID.fullmatch(fluids[0]):
         channels = {fluids[0]: "p_pa"}
     standard |= channels
@@ -120,14 +118,18 @@ def standard_names(names: list[str], file: str) -> Renamed:
     changed = {old: new for old, new in standard.items() if old != new and owners[new] == 1}
     listed = [changed.get(n, n if n in standard else w) for n, w in zip(names, written, strict=True)]
     original = dict(zip(names, written, strict=True))
-    return Renamed(listed, next(iter(units), ""), _sentence({original[n]: new for n, new in changed.items()}, units))
+    findings = _sentence({original[n]: new for n, new in changed.items()}, units)
+    findings += [f"{A_SET_POINT} {shown(original[n])} alone" for n in channels
+                 if len(channels) == 1 and COMMAND.fullmatch(in_english(n))]  # fmt: skip
+    return Renamed(listed, next(iter(units), ""), findings)
 
 
-def parted(name: str) -> tuple[str, str]:
+def parted(name: str, *, translated: bool = True) -> tuple[str, str]:
     """Split a column name such as ``tip_x_mm`` into the name without the unit, in lower case, and the unit ("" for
-    none).
+    none); `translated` into English, or as written.
     """
-    words = [w for w in re.split(r"[\s_\[\]()]+", in_english(name).lower()) if w]
+    said = in_english(name) if translated else as_written(name)
+    words = [w for w in re.split(r"[\s_\[\]()]+", said.lower()) if w]
     words = [w for w in words if not CLOCK_FACE.fullmatch(w)] or words
     last = standard_unit(words[-1]) if words else ""
     if len(words) > 1 and any(last in units for units in UNITS):
@@ -142,12 +144,17 @@ def is_time(name: str) -> bool:
 
 def words_of(name: str) -> list[str]:
     """Return the words and numbers of a column name in lower case: servo_4_mm gives servo, 4, mm."""
-    return [word.lower() for word in WORD.findall(in_english(name))]
+    return written_words(in_english(name))
+
+
+def written_words(name: str) -> list[str]:
+    """Return the words and numbers of a column name in lower case, in the language of the file."""
+    return [word.lower() for word in WORD.findall(as_written(name))]
 
 
 def is_command(name: str) -> bool:
     """Return whether the name of a column says a set point, such as ``soll [kPa]`` or ``pTarget``."""
-    return COMMAND.fullmatch("_".join(words_of(name))) is not None
+    return SET_POINT.fullmatch("_".join(words_of(name))) is not None
 
 
 def is_no_place(words: Sequence[str]) -> bool:
@@ -176,6 +183,19 @@ def _position(name: str) -> tuple[str, str] | None:
             if re.split(r"[_ .:]", owner)[-1].lower() not in LETTERS and not is_no_place(words_of(owner)):
                 return f"{axis.lower()}_{owner}", unit
     return None
+
+
+def _of_one_spelling(positions: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+    """Return the positions. Beside those such as x_tip, others such as stage_x are positions if their station has the
+    same axes and the unit of these, or says base or tip.
+    """
+    before = {name: place for name, place in positions.items() if BEFORE.fullmatch(name)}
+    axes, units = {new[0] for new, _ in before.values()}, {unit for _, unit in before.values()}
+    count = Counter(new[1:] for name, (new, _) in positions.items() if name not in before)
+    others = {name: (new, unit) for name, (new, unit) in positions.items() if name not in before
+              and (not before or (count[new[1:]] == len(axes) and new[0] in axes
+                                  and (says_end(new) or (unit and unit in units))))}  # fmt: skip
+    return {name: place for name, place in positions.items() if name in before or name in others}
 
 
 def _one_body(names: Iterable[str], others: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
@@ -232,6 +252,9 @@ def _clocks(names: Iterable[str]) -> dict[str, str]:
         unit = COUNTERS.get(name.lower(), parted(name)[1])
         if is_time(name) and unit in ("", *SECONDS):
             clocks[name] = f"t_{unit}" if unit not in ("", "s") else "t"
+    known = {name: new for name, new in clocks.items()
+             if parted(name, translated=False)[0] in TIMES or name.lower() in COUNTERS}  # fmt: skip
+    clocks = known or clocks
     plain = {name: new for name, new in clocks.items() if parted(name)[0] not in ("date", "datetime", "date_time")}
     if not clocks and not any(PARTS["seconds"].fullmatch(name) for name in names):
         return {name: ALONE[name.lower()] for name in names if name.lower() in ALONE}
@@ -249,13 +272,16 @@ def _pressure(name: str) -> str | None:
     return f"p_{unit}_{chamber}" if chamber else f"p_{unit}"
 
 
-def _channels(names: Iterable[str], known: Iterable[str]) -> dict[str, str]:
+def _channels(
+    names: Iterable[str], known: Iterable[str], outside: re.Pattern[str] = NOT_INSIDE,
+) -> dict[str, str]:
     """Return standard names of columns that only their unit identifies as pressures, such as ``P1 [kPa]``.
 
     A single such column becomes the only pressure, without a chamber name. Set points, supplies and atmospheric
-    pressures are skipped.
+    pressures, which `outside` names, are skipped: in English, or as written where other words say them.
     """
-    inside = [name for name in names if not NOT_INSIDE.fullmatch(name) and not ABSOLUTE.search(name)]
+    said = in_english if outside is NOT_INSIDE else as_written
+    inside = [name for name in names if not outside.fullmatch(said(name)) and not ABSOLUTE.search(name)]
     channels = {name: parts for name in inside if (parts := _without_unit(name, PASCAL))[1]}
     if len(channels) == 1 and not any(name.startswith("p_") for name in known):
         return {name: f"p_{unit}" for name, (_, unit) in channels.items()}
@@ -269,14 +295,21 @@ def _set_points(names: Sequence[str], known: Collection[str]) -> dict[str, str]:
     """
     if known or any(ABSOLUTE.search(name) for name in names) or _perhaps_measured(names):
         return {}
-    commanded = {name: parts for name in names if COMMAND.fullmatch(name) and not REFERENCE.search(name)
+    commanded = {name: parts for name in names if COMMAND.fullmatch(in_english(name)) and not REFERENCE.search(name)
                  and (parts := _without_unit(name, PASCAL))[1]}  # fmt: skip
-    return {name: f"p_{unit}_{bare}" for name, (bare, unit) in commanded.items()}
+    return {name: f"p_{unit}" + f"_{bare}" * (len(commanded) > 1) for name, (bare, unit) in commanded.items()}
 
 
 def _perhaps_measured(names: Iterable[str]) -> bool:
     """Return whether the name of a column other than a set point says that it may be a measured pressure."""
-    return any(PRESSED.fullmatch(n) or PERHAPS_MEASURED.search(n) for n in names if not COMMAND.fullmatch(n))
+    return any(PRESSED.fullmatch(n) or PERHAPS_MEASURED.search(n)
+               for n in map(in_english, names) if not COMMAND.fullmatch(n))  # fmt: skip
+
+
+def _says_pressure(name: str) -> bool:
+    """Return whether the name of a column says pressure, or has a unit of pressure."""
+    said = in_english(name)
+    return bool(PRESSED.fullmatch(said) or PRESSURE.fullmatch(said) or _without_unit(name, PASCAL)[1])
 
 
 def unread_columns(names: Sequence[str], file: str, *, measured: bool = False) -> list[str]:
@@ -328,7 +361,7 @@ def pressures_named(names: Sequence[str], unit: str, file: str) -> tuple[list[st
 
 def _without_unit(name: str, units: Iterable[str]) -> tuple[str, str]:
     """Return a name without the unit at its end, and the unit ("" where it ends with none of `units`)."""
-    name = in_english(name)
+    name = as_written(name)
     if match := BRACKETED.fullmatch(name):
         unit = standard_unit(match[2] or match[3])
         return (match[1], unit) if unit in units else (name, "")
@@ -347,34 +380,8 @@ def unit_of(name: str, units: Iterable[str]) -> str:
 
 def bracketed_unit(name: str) -> str:
     """Return the unit that the name of a column states in brackets, in standard spelling; "" where there are none."""
-    match = BRACKETED.fullmatch(in_english(name))
+    match = BRACKETED.fullmatch(as_written(name))
     return standard_unit(match[2] or match[3]) if match else ""
-
-
-class PartedClock(NamedTuple):
-    """The columns of a time that a table stores in two parts: seconds, and their fraction in a smaller unit."""
-
-    seconds: int
-    fraction: int
-    unit: str
-
-    def joined(self, table: NDArray) -> NDArray:
-        """Return the times (R,) [s] since the first whole second of a table (R, K)."""
-        whole = table[:, self.seconds]
-        begin = whole[np.isfinite(whole)][:1].sum()
-        return np.asarray(whole - begin + table[:, self.fraction] * SECONDS[self.unit])
-
-
-def parted_clock(names: Sequence[str]) -> PartedClock | None:
-    """Return the columns of the time of a table that stores it in two, such as ``sec`` and ``usec``; None for any other
-    table.
-    """
-    seconds = [k for k, name in enumerate(names) if PARTS["seconds"].fullmatch(name)]
-    for unit in ("us", "ns"):
-        fraction = [k for k, name in enumerate(names) if PARTS[unit].fullmatch(name)]
-        if len(seconds) == len(fraction) == 1:
-            return PartedClock(seconds[0], fraction[0], unit)
-    return None
 
 
 CLOCKS = {"t": "s", "t_s": "s", "t_ms": "ms", "t_us": "us", "t_ns": "ns", "t_min": "min", "t_h": "h"}

@@ -29,7 +29,7 @@ from pliant.recording.cells import (
     without_marks,
     without_trailing,
 )
-from pliant.recording.clock import unwrapped, without_repeats
+from pliant.recording.clock import PartedClock, unwrapped, without_repeats
 from pliant.recording.column_arrays import (
     Column,
     ColumnHeader,
@@ -42,7 +42,7 @@ from pliant.recording.column_arrays import (
     pressure_arrays,
     station_arrays,
 )
-from pliant.recording.column_names import PartedClock, completed
+from pliant.recording.column_names import completed
 from pliant.recording.inclination import gravity_rows, turning_angles, whole_turns
 from pliant.recording.joined_runs import RUN, refuse_several
 from pliant.recording.mapping import shorten

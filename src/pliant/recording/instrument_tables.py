@@ -48,12 +48,17 @@ def of_trc(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
     markers = [cell.strip() for cell in rows[3].split("\t")[2:] if cell.strip()] if header else []
     if not markers or "Units" not in header:
         raise InputError(f"{name} is a TRC file without Units or names of markers in its first lines: export it again")
-    names = [f"{marker.replace(' ', '_')}_{axis} [{header['Units'].strip()}]" for marker in markers for axis in "xyz"]
+    names = names_of_markers(markers, header["Units"].strip())
     body, short = of_width(rows[ABOVE_TRC:], len(names) + 2, name)
     count = whole_number(header.get("NumFrames", "").strip())
     metadata = [] if count is None else [f"# {json.dumps({'rows': count})}"]
     return [*metadata, "\t".join(["Frame", "t", *names]), *body, ""], [
         f"{name} is a TRC file: {len(markers)} marker(s) in {header['Units'].strip()}", *short]  # fmt: skip
+
+
+def names_of_markers(markers: Sequence[str], unit: str) -> list[str]:
+    """Return the standard names of the columns of markers, each of which is a station whatever it is called."""
+    return [f"{axis}_{marker.replace(' ', '_')} [{unit}]" for marker in markers for axis in "xyz"]
 
 
 def of_qualisys(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
@@ -75,7 +80,7 @@ def of_qualisys(lines: Sequence[str], name: str) -> tuple[list[str], list[str]]:
                          "positions of the markers (3D) as TSV")
     if not markers or not rate > 0:
         raise InputError(f"{name} is a table of Qualisys without MARKER_NAMES or FREQUENCY: export it with its header")
-    names = [f"{marker.replace(' ', '_')}_{axis} [mm]" for marker in markers for axis in "xyz"]
+    names = names_of_markers(markers, "mm")
     timed = lines[begin].startswith("Frame")
     rows = [line for line in lines[begin + timed :] if line.strip()]
     head = ["Frame", "t", *names] if timed else [*names, "t"]

@@ -360,7 +360,8 @@ def _choose(path: Path, head: bytes, mapping: Mapping[str, Any] | None, name: st
     ready = [r for r in fitting if not r.needs_mapping] or fitting
     if not ready:
         refuse_other(path, RECORDING)
-        shown_by_bytes = (ending for mark, ending in SIGNED.items() if head.startswith(mark))
+        shown_by_bytes = (ending if ending != ".xlsx" or b"xl/" in head else ".zip"
+                          for mark, ending in SIGNED.items() if head.startswith(mark))  # fmt: skip
         suffix = suffix if suffix in ELSEWHERE else next(shown_by_bytes, suffix)
         if suffix in ELSEWHERE:
             why = "" if path.suffix.lower() == suffix else f", a {suffix} file by its first bytes"

@@ -36,7 +36,7 @@ DELIMITERS = (";", "\t", "|", ",")  # the first of them in a header line is its 
 WIDE = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 EASTERN, MOST_NAMES = ("gb18030", "cp932"), 4000  # encodings of spreadsheets in Chinese and Japanese; bytes with names
 ASCII = 127
-SIGNS = "\u00b0\u00b5\u00b2\u00b3\u00b1\u00b7\u00d7\u00a0\u00a7\u2019\u2018\u201c\u201d\u2013\u2014\u2026"
+SIGNS = "\u00b0\u00b5\u00b2\u00b3\u00b1\u00b7\u00d7\u00a0\u00a7\u2019\u2018\u201c\u201d\u2013\u2014\u2026\u2022"
 MOST_PREAMBLE = 200  # lines in which a table begins
 COMPARED_ROWS = 200  # rows before the last one that say how many digits a number has
 LONGEST_LINE = 4_000_000  # characters; a longer first line is no header
@@ -81,7 +81,8 @@ def decoded(data: bytes) -> tuple[str | None, str]:
         pass
     for codec in EASTERN:
         with suppress(UnicodeDecodeError):
-            if JOINED.search(without_accents(data[:MOST_NAMES].decode(codec, errors="ignore"))):
+            words = JOINED.finditer(without_accents(data[:MOST_NAMES].decode(codec, errors="ignore")))
+            if any(codec != "gb18030" or min(word[0].encode(codec)) > ASCII for word in words):  # no sign and a letter
                 return data.decode(codec), codec
     try:
         text = data.decode("cp1252")

@@ -112,13 +112,16 @@ def tidied(
 
 
 def without_outer_bars(lines: list[str], name: str) -> list[str]:
-    """Leave out the bars at the begin of all lines that hold bars, as in a table of a text with marks."""
+    """Leave out the bars at both ends of all lines that hold bars, as in a table of a text with marks; those that only
+    begin with one keep their last cell, which may be blank.
+    """
     barred = [k for k, line in enumerate(lines) if "|" in line and not line.startswith("#")]
     if not barred or not all(lines[k].lstrip().startswith("|") for k in barred):
         return []
+    closed = all(lines[k].rstrip().endswith("|") for k in barred)
     for k in barred:
-        lines[k] = lines[k].strip().removeprefix("|").removesuffix("|").strip()
-    return [f"the bars at both ends of {len(barred)} line(s) of {name} are left out"]
+        lines[k] = lines[k].strip().removeprefix("|").removesuffix("|" if closed else "").strip()
+    return [f"the bars at {'both ends' if closed else 'the beginning'} of {len(barred)} line(s) of {name} are left out"]
 
 
 def holds_rows(path: Path) -> bool:

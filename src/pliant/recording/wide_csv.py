@@ -23,12 +23,11 @@ from pydantic import ConfigDict, Field
 from pliant.errors import InputError, clipped, inside, shown
 from pliant.files import whole
 from pliant.recording.cells import empty_markers, with_seconds, without_marks, without_trailing
-from pliant.recording.clock import unwrapped, without_repeats
+from pliant.recording.clock import parted_clock, unwrapped, without_repeats
 from pliant.recording.column_arrays import pressure_unit, pressures_of
 from pliant.recording.column_names import (
     CLOCKS,
     COARSE,
-    parted_clock,
     pressures_named,
     refuse_pixels,
     standard_names,

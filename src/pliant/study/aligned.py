@@ -80,8 +80,8 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
     """Return the recording with the pressure, and other inputs, added from a separate log file. They stay on the log's
     own clock.
     """
-    let_off = all(np.array_equal(log[v].values[0], log[v].values[-1]) for v in ("pressure", "actuation") if v in log)
-    log = log if returns(recording) and not let_off else prolonged(log, float(np.ptp(recording["time"].values)))
+    held = ends_at_zero(log) or not returns(recording)
+    log = prolonged(log, float(np.ptp(recording["time"].values))) if held else log
     inputs = {variable: log[variable] for variable in ("pressure", "actuation") if variable in log}
     if not inputs:
         raise InputError(f"recording {name}: {file} holds no pressure or other input: state its columns in "
@@ -94,6 +94,11 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
     lines = str(log.attrs.get("history", "")).splitlines()
     added = f"{' and '.join(inputs)} from {file} sha256 {digest}"
     return append_history(joined, *(f"{file}: {line}" for line in lines), added)
+
+
+def ends_at_zero(log: xr.Dataset) -> bool:
+    """Return whether the inputs of a log begin and end at 0, so that its last row lets them off."""
+    return not any(log[v].values[[0, -1]].any() for v in ("pressure", "actuation") if v in log)
 
 
 def returns(recording: xr.Dataset) -> bool:

@@ -18,8 +18,8 @@ import numpy as np
 
 from pliant.errors import InputError, shown
 from pliant.preprocessing.plausibility.shape import ORDERS, shown_order
-from pliant.recording.clock import SECONDS
-from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, parted_clock, unit_of, words_of
+from pliant.recording.clock import SECONDS, parted_clock
+from pliant.recording.column_names import COUNTERS, bracketed_unit, is_time, parted, unit_of, words_of
 from pliant.recording.inclination import hanging
 from pliant.recording.joined_runs import LONGEST, TRIAL
 from pliant.recording.registry import describes_columns
@@ -45,6 +45,7 @@ CLOCKS = ("t", "time")  # names of times that come before others, such as clock
 MILLIMETRES = 5.0  # a smaller range of positions is in metres: no soft arm moves by 5 m
 MILLISECONDS, ROUGH = 5, 0.8  # least whole step of such times; change of successive steps of a motion, at most
 FAR_MS = 1e14  # later times are no ms since any date
+OF_CLOCKS = {"tick", "ticks", "count", "system", "cpu", "timer", "computer", "clock", "time", "pc"}  # words of ticks
 SLOW = 10  # least constant whole step of times that may be seconds as well, as in the log of a creep
 RIGID = 0.3  # fraction by which the distance of neighbours on one body may change
 INPUTS = ("pressure", "inputs", "linear")  # entries of a mapping that name the inputs and convert their values
@@ -146,15 +147,15 @@ def refuse_bodies_in_rows(path: Path, stated: Mapping[str, Any], table: PlainTab
 def refuse_units(names: Sequence[str], mapping: Mapping[str, Any], file: str) -> None:
     """Raise InputError if the names of the columns of positions state several units, or a unit that is unknown."""
     known, stations = set(names), mapping.get("stations", {})
-    columns = [c for station in stations.values() for c in station["position"] if c in known]
-    words = {label.lower() for label in stations}  # of x (base), whose brackets hold no unit
-    stated = {name: "" if (unit := bracketed_unit(name)) in words else unit or unit_of(name, METRE)
-              for name in columns}
-    unknown = next((name for name, unit in stated.items() if unit not in ("", "-", *METRE, PIXEL)), None)
+    words = {*(label.lower() for label in stations), "-"}  # of x (base), whose brackets hold no unit
+    stated = {c: "" if (unit := bracketed_unit(c)) in words else unit or unit_of(c, METRE)
+              for station in stations.values() for c in station["position"] if c in known}  # fmt: skip
+    unknown = next((name for name, unit in stated.items() if unit not in ("", *METRE, PIXEL)), None)
     if unknown is not None:
         raise InputError(f"the column {shown(unknown)} of {file} states no known unit of length, which are "
                          f"{', '.join(METRE)}: state length_unit in the mapping")
-    if len(units := {"" if unit == "-" else unit for unit in stated.values()}) > 1:
+    first = {next(filter(None, map(stated.get, s["position"])), "") for s in stations.values()}  # x [mm], y, z
+    if len(units := {*first, *filter(None, stated.values())}) > 1:
         listed = ", ".join(sorted(unit or "no unit" for unit in units))
         raise InputError(f"{file} states several units of length in its column names ({listed}): convert the columns "
                          "to one unit, or state length_unit in the mapping")
@@ -190,7 +191,7 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
     clock = next((k for k in clocks if runs(table.values[:, k])), None)
     if clock is None:  # read as stated, it is refused by the rows in which it goes back
         clock = next((k for k in clocks if parted(table.names[k])[0] in CLOCKS and table.changes(k)), None)
-    ticks = counter_of(table, used) if clock is None else None
+    ticks = counter_of(table, used) if clock is None and not {"time", "rate_hz"} & set(stated) else None
     clock = ticks if clock is None else clock
     parts = parted_clock(table.names) if clock is None else parted_by_unit(table)
     parts = parts if parts and clock in (None, parts.seconds, parts.fraction) else None  # not beside a whole clock
@@ -218,9 +219,9 @@ def named(table: PlainTable, stated: Mapping[str, Any]) -> TableGuess | None:
 
 
 def counter_of(table: PlainTable, used: set[int]) -> int | None:
-    """Return the column of the ticks of a computer, in a unit that the laboratory knows; None if there is none."""
+    """Return the column of the ticks of a computer, not of an encoder, in a unit that the laboratory knows, or None."""
     return next((k for k, name in enumerate(table.names) if k not in used and {"tick", "ticks"} & {*words_of(name)}
-                 and rises(table.values[:, k])), None)  # fmt: skip
+                 and {*words_of(name)} <= OF_CLOCKS and rises(table.values[:, k])), None)  # fmt: skip
 
 
 def curved(table: PlainTable) -> TableGuess | None:

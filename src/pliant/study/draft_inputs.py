@@ -11,8 +11,9 @@ import numpy as np
 import xarray as xr
 
 from pliant.preprocessing.detectors import without_spikes
-from pliant.recording.column_names import is_command, words_of
+from pliant.recording.column_names import A_SET_POINT, is_command, words_of
 from pliant.recording.inputs import RecordedInput, inputs_at, recorded_inputs
+from pliant.recording.schema import history_of
 from pliant.study.first_reading import several
 from pliant.study.input_guess import UNITS
 from pliant.study.inspected import Inspected
@@ -219,6 +220,8 @@ def named_by(trial: Trial) -> str:
     """Return the name of the column of the only pressure of a recording, by its mapping; "" if none names it."""
     pressure = (trial.guess.mapping if trial.guess else trial.mapping or {}).get("pressure", [])
     columns = pressure.get("columns", []) if hasattr(pressure, "get") else [pressure]  # arrays and channels by name
+    if any(A_SET_POINT in line for line in history_of(trial.recording)):
+        return "set"
     return columns[0] if len(columns) == 1 and isinstance(columns[0], str) else ""
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from pliant.errors import InputError
 from pliant.preprocessing.plausibility.together import alike
+from pliant.preprocessing.quality import quality
 from pliant.recording.column_names import words_of
 from pliant.recording.tables import without_dots
 from pliant.study.column_guess import guessed_table
@@ -191,6 +192,9 @@ def inspect_all(
         raise InputError(f"a study needs recordings with different file names, got {', '.join(names) or 'none'}")
     trials = on_plates(apart_in_others(trials))
     kinds = recognised(trials)
+    if any(kind.poses or kind.excitation == "release" for kind in kinds.values()):
+        trials = [on_resting_base(trial) for trial in trials]
+        kinds = recognised(trials)
     if all(isinstance(kind, PoseOfFile) for kind in kinds.values()):
         trials = in_one_order(trials)
     trials = [from_first_frames(t) if isinstance(kinds[t.name], UnrecordedPressure) else t for t in trials]
@@ -203,6 +207,16 @@ def inspect_all(
     if not spatial and len(channels) > 1:
         trials = from_one_side(trials)
     return Inspected(trials, kinds, spatial, channels)
+
+
+def on_resting_base(trial: Trial) -> Trial:
+    """Return the trial without a motion of its base as an input, which releases and settled poses do not have."""
+    if not trial.options.get("base_motion"):
+        return trial
+    options = {name: value for name, value in trial.options.items() if name != "base_motion"}
+    share = quality(trial.recording).out_of_plane_share
+    trial = replace(trial, options=options, quality=replace(trial.quality, out_of_plane_share=share))
+    return trial if trial.capped else with_alignment(trial)
 
 
 def apart_in_others(trials: Sequence[Trial]) -> list[Trial]:

@@ -20,15 +20,16 @@ from pliant.recording.cells import (
     with_states,
     without_trailing,
 )
+from pliant.recording.clock import PartedClock
 from pliant.recording.column_names import (
     NUMBERED,
-    PartedClock,
     is_no_place,
     is_time,
     parted,
     standard_names,
     stations_of,
     words_of,
+    written_words,
 )
 from pliant.recording.tables import (
     DELIMITERS,
@@ -150,7 +151,8 @@ def stations_by_name(names: Sequence[str]) -> dict[str, dict[str, list[int]]]:
         words = [w for w in words_of(name) if w not in METRE or w in ("m", "in")]
         axis = axis_of(words)
         if axis and not is_no_place([w for w in words if w not in TURNING]):
-            owner = "_".join(w for w in words if w not in {*axis, axis, *TURNING, "position", "pos", "pose"})
+            others = {*METRE.keys() - {"m", "in"}, *axis, axis, *TURNING, "position", "pos", "pose"}
+            owner = "_".join(w for w in written_words(name) if w not in others)
             parts.setdefault(owner, {}).setdefault(axis, k)
     if {"a", "g"} <= set(parts) and "b" not in parts:  # a_x and g_x are an acceleration and a rate of turning
         parts = {owner: columns_of for owner, columns_of in parts.items() if owner not in ("a", "g")}

@@ -26,6 +26,7 @@ from pliant.preprocessing.rest import FIRST_FRAMES, later_rest, nearest_rest
 from pliant.preprocessing.side import alignment_of
 from pliant.recording.inputs import RecordedInput, recorded_inputs
 from pliant.recording.rules import shape_values, shape_variable
+from pliant.recording.vocabulary import says_base
 from pliant.sensing import read_shape
 from pliant.study.aligned import with_log
 from pliant.study.column_guess import TableGuess
@@ -398,7 +399,7 @@ def directions(
     one that does not move, of a dense shape the first. Empty if no station shows the base.
     """
     names = list(stations) or [str(s) for s in recording["station"].values]
-    named = [n for n in names if "base" in n.lower()]
+    named = [n for n in names if "base" in n.lower()] or [n for n in names if says_base(n)]
     still = standing_among(names, stations, found.standing)
     candidates = named or (names if dense else still if len(still) < len(names) else [])
     if len(names) == 1 or not candidates:
