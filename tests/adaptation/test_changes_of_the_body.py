@@ -17,6 +17,7 @@ from pliant.adaptation.change import (
     odds_of_another,
     shift_and_scatter,
     stepwise,
+    why_another,
 )
 from pliant.adaptation.posterior import Posterior, by_joint
 from pliant.errors import InputError
@@ -158,7 +159,7 @@ def test_all_joints_together_are_one_change_and_most_parameters_another_arm():
     other = fitted(known, dict(zip(known.body.names, factors, strict=True)))
     for found in (body_change(known, other, lambda: [0, 1], lambda _exp: fitted(known, {})),
                   body_change(known, other, list, lambda _exp: None)):  # fmt: skip
-        assert "most of its parameters changed (" in found.another
+        assert "too many parameters changed for one cause (" in found.another
 
 
 def test_the_odds_of_another_arm_are_those_of_gaussian_densities(rng):
@@ -244,3 +245,18 @@ def test_a_common_stiffness_is_split_into_those_of_the_joints():
     assert [p.name for p in split.parameters] == ["damping", *JOINTS]
     assert by_joint(known, 0.02, 2) is known  # more joints than are judged one by one
     assert by_joint(replace(known, body=known.body.of(["damping"])), 0.02, 6).body.names == ("damping",)
+
+
+def test_three_changes_are_another_arm_unless_many_other_parameters_stay():
+    gains = tuple(f"joint_gain_{k + 1}" for k in range(11))
+    three = dict.fromkeys(("stiffness_1", "stiffness_3", "damping"), 1.4)
+    known = posterior((*JOINTS, "damping"))
+    found = body_change(known, fitted(known, three), lambda: [0, 1], lambda _exp: fitted(known, {}))
+    move = known.body.mean * np.array([0.4, 0.0, 0.4, 0.4])
+    assert len(found.names) == 3
+    assert found.another.startswith("in a fit whose body is free, too many parameters changed for one cause")
+    wide = replace(known, parameters=(*known.parameters, *(Parameter(n, 1.0) for n in gains)), body=JointPrior(
+        (*known.body.names, *gains), np.r_[known.body.mean, np.ones(11)],
+        np.diag(np.r_[np.diag(known.body.covariance), np.full(11, 0.02**2)])))  # fmt: skip
+    doubt = np.diag((0.036 * wide.body.mean) ** 2)
+    assert why_another(np.r_[move, np.zeros(11)], doubt, tuple(three), wide) == ""

@@ -24,7 +24,7 @@ SUSPECT = 2.0  # standard deviations, from which a change is compared with the e
 MOST_EARLIER = 6  # recordings that are fitted for this comparison
 RELEASED = 0.5  # of a parameter's size: standard deviation of a parameter of the body that is released
 OTHERWISE = 0.3  # of a parameter's size: standard deviation of one that changed, and of each of another arm
-ODDS = 0.05  # prior odds of another arm to an arm in which the named parameters changed
+ODDS = 0.05  # prior odds of another arm, and of each change of an arm in which more than two parameters changed
 FEW = 2  # parameters that may change in any arm, however few its body has
 
 
@@ -138,15 +138,17 @@ def why_another(move: Array, covariance: Array, changed: Sequence[str], posterio
     """Return why a move (P,) with the given covariance (P, P) is that of another arm, although the named directions
     explain most of it; '' if it is not.
 
-    In another arm most parameters changed, and more than two; or the others, taken together, explain as much as one
-    must to be named, and the odds favour an arm whose parameters all differ.
+    In another arm more than two changed, and the odds favour it although each named change has the prior odds `ODDS`;
+    or the others, taken together, explain as much as one must to be named, and the odds favour an arm whose parameters
+    all differ.
     """
-    if len(changed) > max(FEW, 0.5 * len(move)):
-        return f"in a fit whose body is free, most of its parameters changed ({join_words(changed)})"
     directions = directions_of(posterior)
     named = [directions[n] for n in changed]
+    odds = odds_of_another(move, covariance, named, posterior)
+    if len(changed) > FEW and odds > len(changed) * np.log(ODDS):
+        return f"in a fit whose body is free, too many parameters changed for one cause ({join_words(changed)})"
     left = explained(list(np.eye(len(move))), move, covariance) - explained(named, move, covariance)
-    if left <= FAR**2 or odds_of_another(move, covariance, named, posterior) <= 0.0:
+    if left <= FAR**2 or odds <= 0.0:
         return ""
     return f"in a fit whose body is free, {join_words(changed)} and, taken together, the other parameters changed"
 
