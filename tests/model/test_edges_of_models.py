@@ -309,7 +309,7 @@ def test_bodies_of_three_links_that_cannot_be(values, said):
 def test_a_ratio_stays_below_its_bound(name):
     with pytest.raises(InputError, match=f"{name}.* must .* to 10000, got 10000"):
         Space(**{name: 1e4, "radius": 0.01})
-    with pytest.raises(InputError, match="radius.* must be 0 to 100 m, got 100"):
+    with pytest.raises(InputError, match=r"radius.* must be 0 to 100 m, got 100"):
         Space(radius=1e2)
 
 
