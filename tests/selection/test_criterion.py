@@ -124,8 +124,10 @@ def test_a_time_as_long_as_the_recordings_stands_for_longer_ones():
     fit = SimpleNamespace(problem=problem, values={p.name: p.value for p in (share, time)})
     assert at_bounds(fit, long) == ["creep_share_1"]
     short = creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), 9.0)
-    assert [row["creep_time_1"] for row in short.grid] == [0.1, 0.7, 5.0]
-    assert not short.limits
+    assert [row["creep_time_1"] for row in short.grid] == [0.1, 0.7, 9.0]
+    brief = creep("creep", "creep_share_1", "creep_time_1", (0.1, 0.7, 5.0), 0.05)
+    assert [(row["creep_time_1"], brief.adds[1].value, brief.adds[1].upper) for row in brief.grid] == [(0.05,) * 3]
+    assert short.limits == brief.limits == ("creep_time_1",)
 
 
 def test_a_recording_beyond_the_others_does_not_outweigh_them():
