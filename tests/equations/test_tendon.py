@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 import pliant
 from pliant.compiler.choose import twin
+from pliant.compiler.trace import BOUNDED
 from pliant.compiler.twin import makes_arrays, reached
 from pliant.equations import motion, spatial, spatial_points, spatial_springs, tendon
 from pliant.mechanics import mechanics_of
@@ -252,7 +253,7 @@ def test_the_compiled_step_is_the_text_and_makes_no_arrays(rng):
     x, v = chain.x.copy(), chain.v.copy()
     tendon.step(x, v, 1e-3, command(chain), chain.body, chain.joints, chain.work())
     assert np.stack([x, v]) == pytest.approx(run(chain, 1e-3, 1), rel=1e-12, abs=1e-12)
-    straight = twin(motion.step, 2, 0, 2, 3)
+    straight = twin(motion.step, 2, 0, 2, 3, BOUNDED)
     y, w = chain.x.copy(), chain.v.copy()
     straight(y, w, 1e-3, command(chain), chain.body, chain.joints, chain.work())
     assert np.stack([y, w]) == pytest.approx(np.stack([x, v]), rel=1e-9, abs=1e-12)
