@@ -79,11 +79,11 @@ def test_values_are_those_of_floats_and_slopes_those_of_complex_steps(rng, case)
     slopes = [rng.normal(size=(*a.shape, WIDTH)) * (np.abs(a)[..., None] + 1e-3) for a in numbers]
     dual = [duals(a, d) for a, d in zip(numbers, slopes, strict=True)]
     shared(given, dual)
-    dual_twin(kernel, links, segments, axial=BOUNDED)(*rebuilt(given, iter(dual)))
+    dual_twin(kernel, links, segments, laws=BOUNDED)(*rebuilt(given, iter(dual)))
 
     real = [a.copy() if a.ndim else float(a) for a in numbers]
     shared(given, real)
-    twin(kernel, links, segments, axial=BOUNDED)(*rebuilt(given, iter(real)))
+    twin(kernel, links, segments, laws=BOUNDED)(*rebuilt(given, iter(real)))
     text = extensible_step if segments else kernel
     for k in range(WIDTH):
         tilted = [a + 1j * TINY * d[..., k] for a, d in zip(numbers, slopes, strict=True)]

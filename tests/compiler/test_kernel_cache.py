@@ -234,8 +234,8 @@ def test_a_kernel_has_one_twin_whoever_calls_it():
         assert all(len(twins) == 1 for twins in made.values())
 
 
-def dual_form(kernel, links, segments=0, turns=1, tendons=0, axial=0):
-    return choose.made(kernel, "_duals", choose.family_of(links, segments, turns, tendons, axial, "_duals"))
+def dual_form(kernel, links, segments=0, turns=1, tendons=0, laws=0):
+    return choose.made(kernel, "_duals", choose.family_of(links, segments, turns, tendons, laws, "_duals"))
 
 
 def test_kernels_are_compiled_once_for_all_sizes():

@@ -83,7 +83,7 @@ def test_step_jacobian_of_a_body_that_lengthens_against_complex_step(rng, size, 
     made = []
     for kernel, slopes in (
         (plain, plain_slopes(extensible_workspace(*size, complex))),
-        (twin(step_jacobian, *size, axial=3 * curved), dual_slopes(extensible_workspace(*size))),
+        (twin(step_jacobian, *size, laws=3 * curved), dual_slopes(extensible_workspace(*size))),
     ):
         at, rate = start[:N].copy(), start[N : 2 * N].copy()
         kernel(at, rate, h, torque, *parts, slopes)

@@ -86,7 +86,7 @@ def test_acceleration_and_its_jacobian(bent):
 def test_articulated_bodies_take_the_same_step(bent):
     chain, q, dq = bent
     made = []
-    for kernel in (step, step_articulated, twin(step, 5, axial=BOUNDED * (chain.bend_scale > 0))):
+    for kernel in (step, step_articulated, twin(step, 5, laws=BOUNDED * (chain.bend_scale > 0))):
         moved = (chain.phi(q), 0.1 * np.cumsum(dq))
         kernel(*moved, 2e-3, chain.drive(TORQUE), chain.body(), chain.joints(), workspace(5))
         made.append(np.concatenate(moved))

@@ -90,9 +90,9 @@ class Family(NamedTuple):
         return "_".join([*(words or ["plane"]), *["loops"] * (not self.lines)])
 
 
-def family_of(links: int, segments: int, turns: int, tendons: int, axial: int, reading: str) -> Family:
+def family_of(links: int, segments: int, turns: int, tendons: int, laws: int, reading: str) -> Family:
     """Return the family of a chain, of the sizes that `twin` takes."""
-    remembers = bool(axial & trace.REMEMBERS)
+    remembers = bool(laws & trace.REMEMBERS)
     if turns > 1:
         lines = links * turns + segments <= (MOST_DUAL_TURNS if reading == "_duals" else MOST_TURNS)
         return Family(lines, space=True, tendons=tendons > 0, remembers=remembers)
@@ -101,40 +101,40 @@ def family_of(links: int, segments: int, turns: int, tendons: int, axial: int, r
 
 
 def twin(
-    kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+    kernel: Any, links: int | None = None, segments: int = 0, turns: int = 1, tendons: int = 0, laws: int = 0,
 ) -> Any:
     """Return the compiled form of a plain Python `kernel`, with the same arguments, optimised for a chain of the given
     size.
 
     With a number of `links`, the steps inside it are the fastest for this number, see `substitutes`. If `segments` > 0
     segments lengthen, the steps are those of `equations.extension`. If each joint has 2 or 3 rotational coordinates
-    (`turns`), the steps are those of `equations.spatial`, or with `tendons` of `equations.tendon`. `axial` is a sum of
+    (`turns`), the steps are those of `equations.spatial`, or with `tendons` of `equations.tendon`. `laws` is a sum of
     `trace.CURVED` and `trace.REMEMBERS`, laws of segments beyond linear springs and dampers, `trace.BOUNDED`, a spring
     whose softening is bounded, and for a chain in space of `trace.TURNS`, a base that turns, and `trace.FRICTION`,
     hysteresis of joints or segments.
     """
-    return ready(kernel, "", "float", links, segments, turns, tendons, axial)
+    return ready(kernel, "", "float", links, segments, turns, tendons, laws)
 
 
 def free_twin(
-    kernel: Any, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+    kernel: Any, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, laws: int = 0,
 ) -> Any:
     """Return the form of `twin` that releases Python's global lock."""
-    return ready(kernel, "_free", "float", links, segments, turns, tendons, axial)
+    return ready(kernel, "_free", "float", links, segments, turns, tendons, laws)
 
 
 def lane_twin(
-    kernel: Any, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+    kernel: Any, links: int, segments: int = 0, turns: int = 1, tendons: int = 0, laws: int = 0,
 ) -> Any:
     """Return a kernel compiled for SIMD vectors, which advances `WIDTH` chains at once and releases Python's global
     lock. The sizes are those of `twin`.
     """
-    return ready(kernel, "_lanes", "vector", links, segments, turns, tendons, axial)
+    return ready(kernel, "_lanes", "vector", links, segments, turns, tendons, laws)
 
 
 @cache
 def dual_twin(
-    kernel: Any, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0,
+    kernel: Any, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0, laws: int = 0,
 ) -> Any:
     """Return a kernel compiled for dual numbers. Its array arguments have an additional last axis of `SLOTS` floats,
     which holds the value and the derivatives of one dual number.
@@ -145,7 +145,7 @@ def dual_twin(
 
     Source: Griewank and Walther, Evaluating Derivatives (2008), Sec. 3.1, the vector forward mode
     """
-    return whole(ready(kernel, "_duals", "dual", links, segments, turns, tendons, axial))
+    return whole(ready(kernel, "_duals", "dual", links, segments, turns, tendons, laws))
 
 
 @cache
@@ -160,14 +160,14 @@ def whole(inner: Any) -> Any:
 @cache
 def ready(
     kernel: Any, reading: str, kind: str, links: int | None, segments: int = 0, turns: int = 1, tendons: int = 0,
-    axial: int = 0,
+    laws: int = 0,
 ) -> Any:
     """Return the compiled form of a kernel for a family of chains, after the machine code of the steps that it calls
     is ready for chains of this size. `kind` is that of the numbers, as in `calls.provide`.
     """
     if links is None:
         return made(kernel, reading)
-    sizes = links, segments, turns, tendons, axial
+    sizes = links, segments, turns, tendons, laws
     family = family_of(*sizes, reading)
     if family.lines:
         make_ready(kernel, kind, *sizes)
@@ -178,7 +178,7 @@ def make_ready(kernel: FunctionType, kind: str, *sizes: int) -> None:
     """Make the machine code of the straight-line parts of a kernel ready for a chain of the given sizes."""
     from pliant.compiler.calls import provide
 
-    used, (links, segments, turns, tendons, axial) = reached(kernel), sizes
+    used, (links, segments, turns, tendons, laws) = reached(kernel), sizes
     written: dict[Any, Any] = {}  # kernels that loops call, and those whose text is their machine code
     if motion.step in used:
         if turns > 1:
@@ -190,7 +190,7 @@ def make_ready(kernel: FunctionType, kind: str, *sizes: int) -> None:
     if energy.add_step_work in used and turns == 1:
         written[energy.add_step_work] = energy.add_step_work
     for called, text in written.items():
-        examples = trace.examples_of(called, *sizes, remembers=bool(axial & trace.FRICTION))
+        examples = trace.examples_of(called, *sizes, remembers=bool(laws & trace.FRICTION))
         provide(called, text, examples, kind, SOURCES, fused=called in FUSED)
 
 

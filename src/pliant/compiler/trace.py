@@ -209,14 +209,14 @@ def example_arguments(n: int, laws: int = 0) -> dict[str, Any]:
     }
 
 
-def extensible_arguments(n: int, segments: int, axial: int = 0) -> dict[str, Any]:
+def extensible_arguments(n: int, segments: int, laws: int = 0) -> dict[str, Any]:
     """Return {name: zeros} with the shapes of all arguments that the kernels of an extensible planar chain of n links
     may have.
 
     These are the kernels of `equations.extension`, for `segments` segments.
     """
     size = n + segments
-    curved, moved = n + segments * bool(axial & CURVED), segments * bool(axial & REMEMBERS)
+    curved, moved = n + segments * bool(laws & CURVED), segments * bool(laws & REMEMBERS)
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -226,7 +226,7 @@ def extensible_arguments(n: int, segments: int, axial: int = 0) -> dict[str, Any
         "w": zeros(size), "total": zeros(3),
         "body": ExtensibleBody(zeros(n + 1, n + 1), zeros(n + 1), zeros(n + 1), zeros(n + 1, segments), 0.0, 0.0),
         "joints": ExtensibleJoints(
-            0.0, zeros(n), zeros(size), zeros(size), zeros(spring_rows(axial), curved), zeros(n), zeros(moved),
+            0.0, zeros(n), zeros(size), zeros(size), zeros(spring_rows(laws), curved), zeros(n), zeros(moved),
         ),
         "work": planar_workspace(n, segments),
     }
@@ -254,22 +254,22 @@ def spatial_workspace(
 
 
 def spatial_arguments(
-    n: int, segments: int, turns: int, tendons: int, axial: int = 0, *, remembers: bool = False,
+    n: int, segments: int, turns: int, tendons: int, laws: int = 0, *, remembers: bool = False,
 ) -> dict[str, Any]:
     """Return {name: zeros} with the shapes of all arguments that the kernels of a chain in space of
     n links may have.
 
     Each joint has 2 or 3 angles (`turns`).
     """
-    size, curved = n * turns + segments, segments * bool(axial & CURVED)
-    rows = remembers * (n * turns + segments * bool(axial & REMEMBERS))
+    size, curved = n * turns + segments, segments * bool(laws & CURVED)
+    rows = remembers * (n * turns + segments * bool(laws & REMEMBERS))
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
 
     masses = (zeros(n), zeros(n), zeros(n), zeros(n))
     constants = (zeros(tendons) for _ in range(5))
-    spin = zeros(2 if axial & TURNS else 0, 3)
+    spin = zeros(2 if laws & TURNS else 0, 3)
     behind = (zeros(tendons, size), zeros(tendons, size), *constants, zeros(size, n + 1), zeros(n + 1, segments), spin)
     return {
         "x": zeros(size), "v": zeros(size), "h": 0.0, "torque": zeros(size + tendons), "a": zeros(size),
@@ -278,8 +278,7 @@ def spatial_arguments(
             zeros(n + 1), *masses, zeros(n, 3, 3), zeros(3, 3), 0.0, 0.0, 0.0, *behind,
         ),
         "joints": SpatialJoints(
-            0.0, zeros(size), zeros(size), zeros(size), zeros(spring_rows(axial), n * turns + curved),
-            zeros(n),
+            0.0, zeros(size), zeros(size), zeros(size), zeros(spring_rows(laws), n * turns + curved), zeros(n),
             zeros(rows, 3), zeros(n, curved),
         ),
         "work": spatial_workspace(n, turns, segments, tendons),
@@ -300,19 +299,19 @@ def passed(kernel: FunctionType, paths: Iterable[str]) -> list[str]:
 
 
 def examples_of(
-    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, axial: int = 0, *,
+    kernel: FunctionType, n: int, segments: int = 0, turns: int = 1, tendons: int = 0, laws: int = 0, *,
     remembers: bool = False,
 ) -> dict[str, Any]:
     """Return {name: zeros} with the shapes of the arguments of a kernel for a chain of n links with the given numbers
     of segments that lengthen, angles and tendons.
 
-    `axial`: laws of the segments and of bounded springs, as in `choose.twin`. With `remembers`, a step in space
+    `laws`: laws of the segments and of bounded springs, as in `choose.twin`. With `remembers`, a step in space
     includes the linear functions of the hysteresis states.
     """
     if turns > 1:
-        examples = spatial_arguments(n, segments, turns, tendons, axial, remembers=remembers)
+        examples = spatial_arguments(n, segments, turns, tendons, laws, remembers=remembers)
     else:
-        examples = extensible_arguments(n, segments, axial) if segments else example_arguments(n, axial)
+        examples = extensible_arguments(n, segments, laws) if segments else example_arguments(n, laws)
     names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
     return {name: examples[name] for name in names}
 
