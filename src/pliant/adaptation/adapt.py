@@ -359,8 +359,8 @@ def verdict_of(
     if change is None and not lost:
         return "another of the kind", "Another robot of the kind: its body is fitted within the spread of the kind."
     if change is None or lost or change.another:
-        reason = f"its error on the fitted seconds stays at {100 * fitted:.2g} % of the peak displacement"
-        reason = change.another if change and not lost else reason
+        stays = f"its error on the fitted seconds stays at {100 * fitted:.2g} % of the peak displacement"
+        reason = change.another if change and not lost else stays
         return "another arm", f"Another arm: {reason}. Identify it anew, from these start values."
     if change.names:
         listed = join_words([c.sentence for c in change.changes])
@@ -380,12 +380,13 @@ def same_or_mounted(
     if mounting and sum(e.before for e in errors) > PLAIN * sum(e.after for e in errors):
         return "re-mounted", f"The same arm, mounted anew: {mounting} moved; {body}."
     if any(m.belongs == "mounting" and m.clear for m in moves):
-        kept = f"hardly mounted anew: {mounting} moved, which does not make the errors {less}; {body}"
+        reason = f", hardly mounted anew: {mounting} moved, which does not make the errors {less}; {body}"
     elif mounting:
-        kept = f"although its errors are larger than expected: no other mounting makes them {less}, and no other body"
+        reason = (f", although its errors are larger than expected: no other mounting makes them {less}, and no other "
+                  "body")  # fmt: skip
     else:
-        kept = f"in the same mounting: {body if refuted else 'no parameter moved beyond its doubt'}"
-    return "same arm", f"The same arm, {kept}." if mounting else f"The same arm {kept}."
+        reason = f" in the same mounting: {body if refuted else 'no parameter moved beyond its doubt'}"
+    return "same arm", f"The same arm{reason}."
 
 
 def or_stiffer(moves: Sequence[Move]) -> str:

@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from pliant.errors import InputError, shown
 from pliant.recording.clock import PARTS, SECONDS, parted_clock
@@ -30,10 +30,6 @@ from pliant.recording.vocabulary import (
     says_end,
 )
 from pliant.units import METRE, PASCAL, PIXEL, RADIAN, standard_unit
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
 
 UNITS = (SECONDS, RADIAN, PASCAL)
 PRESSURE = re.compile(r"(?:p|pressure)(?:[_ ](.+))?|(.+?)[_ ]pressure", re.IGNORECASE)
@@ -189,13 +185,13 @@ def _of_one_spelling(positions: Mapping[str, tuple[str, str]]) -> dict[str, tupl
     """Return the positions. Beside those such as x_tip, others such as stage_x are positions if their station has the
     same axes and the unit of these, or says base or tip.
     """
-    before = {name: place for name, place in positions.items() if BEFORE.fullmatch(name)}
+    before = {name: coordinate for name, coordinate in positions.items() if BEFORE.fullmatch(name)}
     axes, units = {new[0] for new, _ in before.values()}, {unit for _, unit in before.values()}
     count = Counter(new[1:] for name, (new, _) in positions.items() if name not in before)
     others = {name: (new, unit) for name, (new, unit) in positions.items() if name not in before
               and (not before or (count[new[1:]] == len(axes) and new[0] in axes
                                   and (says_end(new) or (unit and unit in units))))}  # fmt: skip
-    return {name: place for name, place in positions.items() if name in before or name in others}
+    return {name: coordinate for name, coordinate in positions.items() if name in before or name in others}
 
 
 def _one_body(names: Iterable[str], others: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:

@@ -211,8 +211,8 @@ class Search(RunningSearch):
         """Return criterion and fit of the model without a term; None if the model needs the term.
 
         A term is needed if left-out parts are predicted worse without it: by 3 % in the sum of squares or, if the
-        recordings do not determine the term, by 10 %; or if the fit without it is not to be trusted beyond the
-        recordings. A term whose loss, by linearisation, raises the cost beyond doubt is not fitted.
+        recordings do not determine the term, by 10 %. A term whose loss, by linearisation, raises the cost beyond doubt
+        is not fitted.
         """
         vague = self.vague(term, self.best.standard_errors)
         beyond = not vague and not term.replaces and cost_without(self.best, term) > (1 + 2 * MATERIAL) * self.best.cost
@@ -224,8 +224,7 @@ class Search(RunningSearch):
             return None
         score = self.scored(end)
         self.keep(score, f"without {term.title}", end)
-        dropped = score < (1 + (MUCH if vague else MATERIAL)) * self.score
-        return (score, end, term) if dropped else None
+        return (score, end, term) if score < (1 + (MUCH if vague else MATERIAL)) * self.score else None
 
     def settle_parameters(self) -> bool:
         """Hold each undetermined time, angle or limit of a term at its value, and let every other undetermined

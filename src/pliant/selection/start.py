@@ -104,16 +104,15 @@ def quick_start(
     terms = terms if share >= SETTLED else ()
     notify(f"the inputs of each frame explain {100 * share:.0f} % of its pose: settled shapes come first")
     try:
-        seconds, kept = STATIC_PART * 60.0 * minutes, replace(setting, evaluations=0)
+        seconds = STATIC_PART * 60.0 * minutes
         still, chosen, stopped = fit_of_settled_shapes(setting, model, common, terms, seconds, notify)
-        try:
-            begun = fit_begun_at(still, kept if stopped else setting, model, common, time_step)
-        except KeyboardInterrupt:
-            if stopped:
-                raise
-            notify(INTERRUPTED)
-            stopped, begun = True, fit_begun_at(still, kept, model, common, time_step)
-        return Begun(*begun, chosen, stopped)
+        if not stopped:
+            try:
+                return Begun(*fit_begun_at(still, setting, model, common, time_step), chosen)
+            except KeyboardInterrupt:
+                notify(INTERRUPTED)
+        unmoved = replace(setting, evaluations=0)
+        return Begun(*fit_begun_at(still, unmoved, model, common, time_step), chosen, stopped=True)
     except PliantError as error:
         notify(f"warning: the search does not begin with settled shapes: {error}")
         return None

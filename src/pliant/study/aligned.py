@@ -80,8 +80,8 @@ def with_pressure(recording: xr.Dataset, log: xr.Dataset, name: str, file: str) 
     """Return the recording with the pressure, and other inputs, added from a separate log file. They stay on the log's
     own clock.
     """
-    held = ends_at_zero(log) or not returns(recording)
-    log = prolonged(log, float(np.ptp(recording["time"].values))) if held else log
+    if ends_at_zero(log) or not returns(recording):
+        log = prolonged(log, float(np.ptp(recording["time"].values)))
     inputs = {variable: log[variable] for variable in ("pressure", "actuation") if variable in log}
     if not inputs:
         raise InputError(f"recording {name}: {file} holds no pressure or other input: state its columns in "

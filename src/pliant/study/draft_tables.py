@@ -117,6 +117,7 @@ def may_be_offset(trial: Trial) -> bool:
     return (trial.log is None and len(trial.chambers) < 2 and "linear" not in {**(trial.mapping or {}), **proposed}
             and pressure.get("unit") != OPEN and not {"scale", "zero"} & set(pressure))  # fmt: skip
 
+
 SWITCHES = {  # options of an alignment that are true where a recording needs them, and why
     "base_motion": "the base carries all stations along: its motion is an input of the model",
     "undo_jumps": "the orientation of a marker cluster jumps; jumps are counted and corrected",
@@ -321,7 +322,7 @@ def alignment(out: Lines, trial: Trial) -> None:
     out.put("tangent", trial.options["tangent"], tangent)
     if "plane" in trial.options:
         out.put("plane", trial.options["plane"], "x axis of the base frame; azimuths count from it")
-    for name in trial.options.keys() & SWITCHES.keys():
+    for name in filter(trial.options.__contains__, SWITCHES):
         out.put(name, True, SWITCHES[name])
     if trial.problem:
         out.say(f"The alignment fails: {trial.problem}")
